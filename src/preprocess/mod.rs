@@ -1,0 +1,3 @@
+//! Work on the CPU, once a scene: normals, spacing, the hierarchy. Knows no GPU.
+
+pub mod hierarchy;

@@ -1,0 +1,11 @@
+//! What exists in the world: clouds, objects, cameras, far fields.
+
+pub mod camera;
+pub mod cloud;
+pub mod far_field;
+pub mod object;
+
+pub use camera::Camera;
+pub use cloud::Cloud;
+pub use far_field::FarField;
+pub use object::{Material, Object, Primitive, Texture, TextureRef, Vertex};
