@@ -13,6 +13,8 @@
 
 pub mod error;
 pub mod formats;
+pub mod gpu;
+pub mod passes;
 pub mod preprocess;
 pub mod reference;
 pub mod scene;

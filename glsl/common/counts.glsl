@@ -1,0 +1,7 @@
+// Counts of a batch; they may run past a capacity, which is how an overflow is found.
+layout(std430, binding = 12) buffer Counts {
+    uint handed_count;  // pairs that the geometry shader left for the compute pass (hybrid)
+    uint cut_count;     // pairs of the cut
+    uint visited_count; // pairs that the compute pass looked at
+    uint placed;        // nodes that have a place in a list
+};

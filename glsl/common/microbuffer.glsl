@@ -1,0 +1,88 @@
+// Micro-buffers (Sabbadin 2019, 5.2, after Ritschel 2009): SIZE x SIZE micro-pixels over the unit disc, onto which the
+// hemisphere above a pixel is projected orthogonally, so that every micro-pixel has the same projected solid angle.
+//
+// An entry of the raster passes is PIXELS neighbouring receivers (a 2 x 2 block, or one pixel where every pixel has a
+// list of its own): the block's low bits tell which of its pixels this batch holds.
+layout(constant_id = 3) const uint SIZE = 24u;
+layout(constant_id = 4) const uint PIXELS = 4u;
+
+layout(std430, binding = 7) readonly buffer Entries { uint entries[]; };
+layout(std430, binding = 8) readonly buffer Lists { uvec2 lists[]; };
+layout(std430, binding = 9) readonly buffer CutNodes { uint cut_nodes[]; };
+
+const uint MICRO_PIXELS = SIZE * SIZE;
+
+// First word of a micro-buffer, for the chunk's `at`th entry and its `k`th pixel.
+uint microbuffer_start(uint at, uint k) { return (at * PIXELS + k) * MICRO_PIXELS; }
+
+// Tangent frame of a normal (Duff et al. 2017, Building an Orthonormal Basis, Revisited).
+void tangent_frame(vec3 n, out vec3 t, out vec3 b) {
+    float s = n.z >= 0.0 ? 1.0 : -1.0;
+    float a = -1.0 / (s + n.z);
+    float c = n.x * n.y * a;
+    t = vec3(1.0 + s * n.x * n.x * a, s * c, -s * n.x);
+    b = vec3(c, s + n.y * n.y * a, -n.y);
+}
+
+// A pixel as the raster passes see it. No pixel: a normal of zero, above whose horizon nothing lies.
+struct Site {
+    vec3 position;
+    vec3 normal;
+    vec3 tangent;
+    vec3 bitangent;
+};
+
+Site load_site(uint slot, bool wanted) {
+    Site site;
+    vec4 sphere = receiver_spheres[slot];
+    site.position = sphere.xyz;
+    site.normal = wanted && sphere.w >= 0.0 ? receiver_cones[slot].xyz : vec3(0.0);
+    tangent_frame(site.normal, site.tangent, site.bitangent);
+    return site;
+}
+
+// What a node covers of a pixel's micro-buffer: a box of even density around the projection of its centre, in
+// micro-pixels, with the extent of the node's area seen from the pixel and its exact projected solid angle.
+struct Footprint {
+    vec2 low;
+    vec2 high;
+    float density; // covered share of a micro-pixel inside the box; 0 where nothing is covered
+    float depth;   // distance to the node's centre, metres
+};
+
+Footprint footprint_of(Site site, vec3 centre, vec3 area_vector, float area2) {
+    Footprint footprint;
+    footprint.density = 0.0;
+    footprint.low = footprint.high = vec2(0.0);
+    footprint.depth = 0.0;
+    precise vec3 to_node = centre - site.position;
+    precise float height = exact_dot(site.normal, to_node);
+    precise float facing = exact_dot(area_vector, to_node);
+    if (height <= 0.0 || facing >= 0.0) return footprint;
+    precise float distance2 = exact_dot(to_node, to_node);
+    precise float inverse = inversesqrt(distance2);
+    precise float inverse_area = inversesqrt(area2);
+    precise float depth = distance2 * inverse;
+    precise vec2 at = vec2(dot(site.tangent, to_node), dot(site.bitangent, to_node)) * inverse;
+    // The solid angle of a patch: area * cosine / distance^2, less what a disc of that area loses because its rim is
+    // farther away than its centre (exact to second order; keeps a patch that is touched below 2 pi).
+    precise float flat_angle = -facing * inverse * inverse * inverse;
+    precise float solid_angle = flat_angle / (1.0 + flat_angle * 0.2387324);
+    precise float cosine = height * inverse;
+    // Variance of the patch projected onto the disc, per axis: the gradient of the projection, less its part along
+    // the patch's normal m. `tilt` is m . direction.
+    precise vec2 m = vec2(dot(site.tangent, area_vector), dot(site.bitangent, area_vector)) * inverse_area;
+    precise float tilt = facing * inverse * inverse_area;
+    precise vec2 lean = m - tilt * at;
+    precise vec2 variance = max(vec2(1e-4), 1.0 - at * at - lean * lean);
+    precise float side = 0.5 * inverse / sqrt(inverse_area);
+    const float to_micro = 0.5 * float(SIZE);
+    precise vec2 extent = max(vec2(0.01), side * sqrt(variance) * to_micro);
+    precise vec2 middle = at * to_micro + to_micro;
+    footprint.low = middle - extent;
+    footprint.high = middle + extent;
+    footprint.depth = depth;
+    precise float covered = solid_angle * cosine * (to_micro * to_micro);
+    footprint.density = min(1.0, covered / (4.0 * extent.x * extent.y));
+    return footprint;
+}

@@ -1,0 +1,147 @@
+#version 460
+// The last pass (Sabbadin 2019, 5.3, Eq. 9): a pixel's micro-buffer times its BRDF, with the true projected solid
+// angle of every micro-pixel (Eq. 5 gives all the same solid angle and comes out 4.7 % too bright; `--paper weights`).
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+#include "shared/gather.glsl"
+#include "common/hierarchy.glsl"
+#include "common/receivers.glsl"
+#include "common/microbuffer.glsl"
+#include "common/sums.glsl"
+#include "common/brdf.glsl"
+
+layout(constant_id = 5) const bool ONE_NODE = false;      // colours come from the nearest node alone
+layout(constant_id = 6) const bool IMAGE_STORE = false;   // ... as the paper's image holds it
+layout(constant_id = 7) const bool PAPER_WEIGHTS = false; // Eq. 5
+layout(constant_id = 8) const uint MATERIAL = 0u;         // 0 from the file, 1 diffuse, 2 metal
+layout(constant_id = 9) const uint SUBSAMPLES = 1u;       // BRDF evaluations along a side of a micro-pixel
+
+layout(local_size_x = 64) in;
+
+layout(std430, binding = 10) readonly buffer Nearest { uint64_t nearest[]; };
+layout(std430, binding = 11) readonly buffer Sums { uint64_t sums[]; };
+layout(binding = 12, rgba16f) uniform readonly image2D store;
+// Direction of the middle of a micro-pixel's part inside the disc, and that part's area (1 where it is whole). Only
+// the micro-pixels that the disc touches, with their index.
+layout(std430, binding = 13) readonly buffer MicroDirections { vec4 micro_directions[]; };
+layout(std430, binding = 14) readonly buffer MicroIndices { uint micro_indices[]; };
+layout(std430, binding = 15) writeonly buffer OutputImage { vec4 output_image[]; };
+layout(std430, binding = 16) buffer ConvolveCounts { uint overflowed; };
+layout(binding = 17) uniform sampler2D normal_map;
+layout(binding = 18) uniform sampler2D base_metallic_map;
+layout(binding = 19) uniform sampler2D emissive_roughness_map;
+layout(binding = 20) uniform sampler2D far_field;
+
+// Between these shares of a micro-pixel its covered radiance is summed as it is; outside, it is divided by the share.
+// Always dividing would move a lamp's energy when it straddles micro-pixels.
+const float PLAIN_LOW = 0.6;
+const float PLAIN_HIGH = 1.4;
+
+struct Surface {
+    vec3 base_color;
+    float metallic;
+    vec3 emissive;
+    float roughness;
+    float specular;
+};
+
+vec3 far_radiance(vec3 direction, float solid_angle) {
+    if (gather.far_field_height == 0u) return vec3(0.0);
+    vec2 uv = vec2(0.5 + atan(direction.x, -direction.z) / (2.0 * PI), acos(clamp(direction.y, -1.0, 1.0)) / PI);
+    // The level whose texels are about as large as the micro-pixel.
+    float texel = PI / float(gather.far_field_height);
+    return textureLod(far_field, uv, max(0.0, 0.5 * log2(solid_angle / (texel * texel)))).rgb;
+}
+
+// Covered radiance of a micro-pixel; negative where no node covers it. `whole` is its area inside the disc.
+vec3 micro_radiance(uint at, uint micro, float whole) {
+    if (IMAGE_STORE) {
+        uint buffer_index = at / MICRO_PIXELS;
+        ivec2 corner = ivec2(uvec2(buffer_index % gather.store_columns, buffer_index / gather.store_columns) * SIZE);
+        vec4 stored = imageLoad(store, corner + ivec2(micro % SIZE, micro / SIZE));
+        return stored.a > 0.0 ? stored.rgb : vec3(-1.0);
+    }
+    if (ONE_NODE) {
+        uint64_t key = nearest[at + micro];
+        return uint(key >> 32) < 0x7f7fffffu ? node_color(uint(key)) : vec3(-1.0);
+    }
+    uint64_t red_green = sums[2u * (at + micro)];
+    uint64_t blue_coverage = sums[2u * (at + micro) + 1u];
+    float coverage = float(uint(blue_coverage)) / COVERAGE_ONE;
+    if (coverage == 0.0) return vec3(-1.0);
+    if (coverage > gather.coverage_limit) overflowed = 1u;
+    vec3 sum = vec3(float(uint(red_green >> 32)), float(uint(red_green)), float(uint(blue_coverage >> 32)));
+    float share = coverage / whole;
+    float divisor = share < PLAIN_LOW || share > PLAIN_HIGH ? coverage : whole;
+    return sum / (gather.color_scale * divisor);
+}
+
+vec3 reflectance(Surface surface, vec3 normal, vec3 light, vec3 view) {
+    if (MATERIAL == 1u) return vec3(gather.material_parameter / PI);
+    Angles angles = angles_of(normal, light, view);
+    if (angles.i <= 0.0 || angles.o <= 0.0) return vec3(0.0);
+    if (MATERIAL == 2u) return vec3(ggx_lobe(angles, gather.material_parameter));
+    return principled(angles, surface.base_color, surface.metallic, surface.roughness, surface.specular);
+}
+
+// Mean reflectance over a micro-pixel: the lobe may be narrower than it.
+vec3 mean_reflectance(Surface surface, Site site, uint micro, vec3 light_middle, vec3 view) {
+    if (SUBSAMPLES == 1u) return reflectance(surface, site.normal, light_middle, view);
+    vec3 sum = vec3(0.0);
+    float count = 0.0;
+    const float cell = 2.0 / float(SIZE);
+    vec2 corner = vec2(micro % SIZE, micro / SIZE) * cell - 1.0;
+    for (uint k = 0u; k < SUBSAMPLES * SUBSAMPLES; ++k) {
+        vec2 disc = corner + (vec2(k % SUBSAMPLES, k / SUBSAMPLES) + 0.5) * (cell / float(SUBSAMPLES));
+        float rest = 1.0 - dot(disc, disc);
+        if (rest <= 0.0) continue;
+        vec3 light = site.tangent * disc.x + site.bitangent * disc.y + site.normal * sqrt(rest);
+        sum += reflectance(surface, site.normal, light, view);
+        count += 1.0;
+    }
+    return count > 0.0 ? sum / count : reflectance(surface, site.normal, light_middle, view);
+}
+
+// Even bits of a byte-sized Morton code, packed.
+uint even_bits(uint code) {
+    code &= 0x55u;
+    code = (code | (code >> 1u)) & 0x33u;
+    return (code | (code >> 2u)) & 0x0fu;
+}
+
+void main() {
+    uint at = gl_GlobalInvocationID.x;
+    if (at >= gather.entry_count * PIXELS) return;
+    uint entry = entries[gather.first_entry + at / PIXELS];
+    uint k = at % PIXELS;
+    if (PIXELS > 1u && (entry & (1u << k)) == 0u) return;
+    uint pixel = PIXELS == 1u ? entry : (entry >> 4u) * PIXELS + k;
+    uint tile = pixel >> 8u;
+    ivec2 texel = ivec2(uvec2(tile % gather.tiles_x, tile / gather.tiles_x) * 16u
+                        + uvec2(even_bits(pixel), even_bits((pixel & 0xffu) >> 1u)));
+    Site site = load_site(pixel, true);
+    vec4 base_metallic = texelFetch(base_metallic_map, texel, 0);
+    vec4 emissive_roughness = texelFetch(emissive_roughness_map, texel, 0);
+    Surface surface = Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, emissive_roughness.a,
+                              texelFetch(normal_map, texel, 0).a);
+    vec3 view = normalize(gather.eye - site.position);
+    // A normal map may turn the normal away from a viewer that sees the surface: light it as if seen edge-on.
+    float view_cosine = dot(view, site.normal);
+    if (view_cosine < 1e-3) view = normalize(view + site.normal * (1e-3 - view_cosine));
+
+    uint start = microbuffer_start(at / PIXELS, k);
+    const float cell_area = 4.0 / float(MICRO_PIXELS); // of the disc, whose area is pi
+    vec3 radiance = vec3(0.0);
+    for (uint m = 0u; m < micro_directions.length(); ++m) {
+        uint micro = micro_indices[m];
+        vec4 middle = micro_directions[m];
+        vec3 light = site.tangent * middle.x + site.bitangent * middle.y + site.normal * middle.z;
+        vec3 incoming = micro_radiance(start, micro, middle.w);
+        if (incoming.x < 0.0) incoming = far_radiance(light, middle.w * cell_area / max(middle.z, 0.02));
+        // Projected solid angle: exact, or Eq. 5's 2 pi / size^2 times the cosine.
+        float weight = PAPER_WEIGHTS ? 2.0 * PI / float(MICRO_PIXELS) * middle.z : middle.w * cell_area;
+        radiance += incoming * mean_reflectance(surface, site, micro, light, view) * weight;
+    }
+    if (MATERIAL == 0u) radiance += surface.emissive;
+    output_image[uint(texel.y) * gather.width + uint(texel.x)] = vec4(radiance, 1.0);
+}

@@ -1,0 +1,15 @@
+//! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler.
+
+pub mod context;
+pub mod memory;
+pub mod pipeline;
+pub mod recorder;
+pub mod reflect;
+pub mod shaders;
+pub mod uses;
+
+pub use context::{Capabilities, Context, ContextOptions};
+pub use memory::{Buffer, Image};
+pub use pipeline::{Bindings, ComputePipeline, Constant};
+pub use recorder::{Profile, Recorder};
+pub use uses::Use;

@@ -1,0 +1,247 @@
+//! The convolution of micro-buffers with the BRDF (Sabbadin 2019, 5.3, Eq. 9).
+
+use std::sync::Arc;
+
+use ash::vk;
+use half::f16;
+
+use super::Gather;
+use super::rasterise::RasterInfo;
+use crate::gpu::memory::ImageInfo;
+use crate::gpu::pipeline::{ComputePipeline, DescriptorSet, Sampler};
+use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
+use crate::scene::FarField;
+use crate::{Error, Result};
+
+/// What the object is made of.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaterialChoice {
+    /// The materials of the file.
+    File,
+    /// Lambertian with this albedo.
+    Diffuse(f32),
+    /// A GGX mirror metal (F = 1) with this GGX alpha.
+    Metal(f32),
+}
+
+impl MaterialChoice {
+    fn code(self) -> u32 {
+        match self {
+            Self::File => 0,
+            Self::Diffuse(_) => 1,
+            Self::Metal(_) => 2,
+        }
+    }
+
+    /// Albedo or alpha.
+    pub fn parameter(self) -> f32 {
+        match self {
+            Self::File => 0.0,
+            Self::Diffuse(parameter) | Self::Metal(parameter) => parameter,
+        }
+    }
+
+    /// BRDF evaluations along a side of a micro-pixel: enough that a lobe of this width is not missed between them.
+    fn subsamples(self, size: u32) -> u32 {
+        match self {
+            Self::Diffuse(_) => 1,
+            Self::File => 2,
+            // A GGX lobe is about alpha wide in the half vector, twice that in the direction, of a disc of 2.
+            Self::Metal(alpha) => ((2.0 / (size as f32 * alpha)).ceil() as u32).clamp(1, 4) + u32::from(alpha < 1.0),
+        }
+    }
+}
+
+/// Directions of the micro-pixels that the unit disc touches.
+#[derive(Clone, Debug, Default)]
+pub struct MicroPixels {
+    /// Index into the micro-buffer, row by row.
+    pub indices: Vec<u32>,
+    /// Unit direction (z along the normal) of the middle of the part inside the disc, and that part's share of a whole
+    /// micro-pixel.
+    pub directions: Vec<[f32; 4]>,
+}
+
+impl MicroPixels {
+    /// All micro-pixels of a micro-buffer with `size` of them along a side.
+    pub fn new(size: u32) -> Self {
+        const STEPS: u32 = 32;
+        let mut list = Self::default();
+        let cell = 2.0 / f64::from(size);
+        for index in 0..size * size {
+            let corner = [index % size, index / size].map(|i| f64::from(i) * cell - 1.0);
+            // The disc's part by a fine grid of samples: exact for whole micro-pixels, to 1e-3 on the rim.
+            let mut sum = [0.0; 2];
+            let mut inside = 0_u32;
+            for step in 0..STEPS * STEPS {
+                let at = [step % STEPS, step / STEPS].map(|i| (f64::from(i) + 0.5) / f64::from(STEPS) * cell);
+                let (x, y) = (corner[0] + at[0], corner[1] + at[1]);
+                if x * x + y * y < 1.0 {
+                    sum = [sum[0] + x, sum[1] + y];
+                    inside += 1;
+                }
+            }
+            if inside > 0 {
+                let (x, y) = (sum[0] / f64::from(inside), sum[1] / f64::from(inside));
+                let z = (1.0 - x * x - y * y).max(0.0).sqrt();
+                list.indices.push(index);
+                list.directions.push([x as f32, y as f32, z as f32, inside as f32 / (STEPS * STEPS) as f32]);
+            }
+        }
+        // The parts' sum is the disc's area to 1e-4; make it exact, so that a white surround stays white.
+        let total: f64 = list.directions.iter().map(|d| f64::from(d[3])).sum::<f64>() * cell * cell;
+        let exact = (std::f64::consts::PI / total) as f32;
+        for direction in &mut list.directions {
+            if direction[3] < 1.0 {
+                direction[3] *= exact;
+            }
+        }
+        list
+    }
+}
+
+/// A far field on the device, with levels for large micro-pixels; black without one.
+pub struct GpuFarField {
+    image: Image,
+    sampler: Sampler,
+    /// Height in texels; 0 without a far field.
+    pub height: u32,
+}
+
+impl GpuFarField {
+    /// Uploads a panorama.
+    ///
+    /// # Errors
+    /// When it does not fit the device.
+    pub fn new(context: &Arc<Context>, far_field: Option<&FarField>) -> Result<Self> {
+        let sampler = Sampler::new(context, vk::Filter::LINEAR, vk::SamplerAddressMode::CLAMP_TO_EDGE)?;
+        let black = FarField { width: 1, height: 1, radiance: vec![glam::Vec3::ZERO] };
+        let source = far_field.unwrap_or(&black);
+        let mut levels = vec![source.clone()];
+        while let Some(level) = levels.last().and_then(half_size) {
+            levels.push(level);
+        }
+        let full = context.capabilities.linear_float32;
+        let texels: Vec<Vec<u8>> = levels.iter().map(|level| encode(level, full)).collect();
+        let info = ImageInfo {
+            name: "far field",
+            width: source.width,
+            height: source.height,
+            levels: levels.len() as u32,
+            format: if full { vk::Format::R32G32B32A32_SFLOAT } else { vk::Format::R16G16B16A16_SFLOAT },
+            usage: vk::ImageUsageFlags::SAMPLED,
+        };
+        let slices: Vec<&[u8]> = texels.iter().map(Vec::as_slice).collect();
+        Ok(Self {
+            image: Image::with_contents(context, info, &slices)?,
+            sampler,
+            height: far_field.map_or(0, |f| f.height),
+        })
+    }
+}
+
+/// A level half as large, each texel the mean of those it covers; `None` below one texel.
+fn half_size(level: &FarField) -> Option<FarField> {
+    if level.width == 1 && level.height == 1 {
+        return None;
+    }
+    let (width, height) = ((level.width / 2).max(1), (level.height / 2).max(1));
+    let texel = |x: u32, y: u32| {
+        level.radiance[(y.min(level.height - 1) * level.width + x.min(level.width - 1)) as usize]
+    };
+    let radiance = (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width * 2, i / width * 2);
+            (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) * 0.25
+        })
+        .collect();
+    Some(FarField { width, height, radiance })
+}
+
+fn encode(level: &FarField, full: bool) -> Vec<u8> {
+    if full {
+        level.radiance.iter().flat_map(|c| bytemuck::cast::<[f32; 4], [u8; 16]>([c.x, c.y, c.z, 1.0])).collect()
+    } else {
+        let half = |value: f32| f16::from_f32(value.min(65504.0));
+        level
+            .radiance
+            .iter()
+            .flat_map(|c| bytemuck::cast::<[f16; 4], [u8; 8]>([half(c.x), half(c.y), half(c.z), half(1.0)]))
+            .collect()
+    }
+}
+
+/// The pass.
+pub struct ConvolvePass {
+    pipeline: ComputePipeline,
+    indices: Buffer,
+    directions: Buffer,
+    overflowed: Buffer,
+    pixels_per_entry: u32,
+}
+
+impl ConvolvePass {
+    /// Makes the pipeline.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn new(context: &Arc<Context>, info: RasterInfo, material: MaterialChoice) -> Result<Self> {
+        let [size, pixels] = info.constants();
+        let constants = [
+            size,
+            pixels,
+            Constant::new(5, info.paper.one_node()),
+            Constant::new(6, info.paper.image),
+            Constant::new(7, info.paper.weights),
+            Constant::new(8, material.code()),
+            Constant::new(9, if info.paper.weights { 1 } else { material.subsamples(info.size) }),
+        ];
+        let micro = MicroPixels::new(info.size);
+        Ok(Self {
+            pipeline: ComputePipeline::new(context, "convolve/convolve.comp", &constants)?,
+            indices: Buffer::from_slice(context, "micro-pixel indices", &micro.indices)?,
+            directions: Buffer::from_slice(context, "micro-pixel directions", &micro.directions)?,
+            overflowed: Buffer::from_slice(context, "convolve counts", &[0_u32])?,
+            pixels_per_entry: info.pixels_per_entry,
+        })
+    }
+
+    /// A descriptor set for the pass; `bindings` has the G-buffer, the micro-buffers, the hierarchy and the output.
+    ///
+    /// # Errors
+    /// When a resource is missing.
+    pub fn bind<'a>(&'a self, bindings: Bindings<'a>, far_field: &'a GpuFarField) -> Result<DescriptorSet> {
+        self.pipeline.bind(
+            &bindings
+                .buffer("MicroIndices", &self.indices)
+                .buffer("MicroDirections", &self.directions)
+                .buffer("ConvolveCounts", &self.overflowed)
+                .sampled("far_field", &far_field.image, far_field.sampler.handle),
+        )
+    }
+
+    /// Records the pass for a chunk of entries.
+    ///
+    /// # Errors
+    /// When the chunk is larger than a dispatch.
+    pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
+        let pixels = constants.entry_count * self.pixels_per_entry;
+        recorder.pass("convolve", |_, commands| self.pipeline.dispatch(commands, set, &constants, pixels))?;
+        recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
+        Ok(())
+    }
+
+    /// Fails when a micro-pixel's sums ran over; reads the flag after the submissions are done.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] with the number.
+    pub fn check(&self, coverage_limit: f32) -> Result<()> {
+        if self.overflowed.download::<u32>(1)?[0] != 0 {
+            return Err(Error::Limit(format!(
+                "a micro-pixel is covered more than {coverage_limit} times over, which its sums do not hold"
+            )));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,226 @@
+//! Rasterising the cut into micro-buffers: `visibility` and `coverage` (relume's way), or `splat` (the paper's).
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::{Gather, Paper};
+use crate::Result;
+use crate::gpu::memory::ImageInfo;
+use crate::gpu::pipeline::{ComputePipeline, DescriptorSet};
+use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
+
+/// How micro-buffers are kept and filled.
+#[derive(Clone, Copy, Debug)]
+pub struct RasterInfo {
+    /// Micro-pixels along a side.
+    pub size: u32,
+    /// Receivers that one invocation fills: 4 where neighbours share lists, 1 where each has its own.
+    pub pixels_per_entry: u32,
+    /// The paper's ways.
+    pub paper: Paper,
+}
+
+impl RasterInfo {
+    /// Bytes of one micro-buffer.
+    pub fn bytes_per_pixel(&self) -> u64 {
+        let micro_pixels = u64::from(self.size * self.size);
+        match self.paper {
+            Paper { image: true, .. } => micro_pixels * 8,
+            Paper { coverage: true, .. } => micro_pixels * 8,
+            _ => micro_pixels * 24,
+        }
+    }
+
+    /// Constants of the shaders that include `common/microbuffer.glsl`.
+    pub(crate) fn constants(&self) -> [Constant; 2] {
+        [Constant::new(3, self.size), Constant::new(4, self.pixels_per_entry)]
+    }
+}
+
+/// Micro-buffers of a chunk of pixels.
+pub struct MicroBuffers {
+    /// Depth and node of the nearest, 64 bits a micro-pixel; a token where the paper's image is the store.
+    pub nearest: Buffer,
+    /// Fixed-point sums, two 64-bit words a micro-pixel; a token where one node a micro-pixel is kept.
+    pub sums: Buffer,
+    /// The paper's store; a token otherwise.
+    pub store: Image,
+    /// Micro-buffers that fit.
+    pub pixels: u32,
+    info: RasterInfo,
+}
+
+/// Largest word below infinity as a float: no depth, in both halves of a cleared key.
+const NO_DEPTH: u32 = 0x7f7f_ffff;
+
+impl MicroBuffers {
+    /// Room for `pixels` micro-buffers.
+    ///
+    /// # Errors
+    /// When they do not fit the device.
+    pub fn new(context: &Arc<Context>, info: RasterInfo, pixels: u32) -> Result<Self> {
+        let micro_pixels = u64::from(info.size * info.size) * u64::from(pixels);
+        let (columns, rows) = if info.paper.image { store_shape(context, info.size, pixels) } else { (1, 1) };
+        let side = if info.paper.image { info.size } else { 1 };
+        let store = Image::new(
+            context,
+            ImageInfo {
+                name: "micro-buffer store",
+                width: columns * side,
+                height: rows * side,
+                levels: 1,
+                format: vk::Format::R16G16B16A16_SFLOAT,
+                usage: vk::ImageUsageFlags::STORAGE,
+            },
+        )?;
+        Ok(Self {
+            nearest: Buffer::new(context, "micro-buffer depth", if info.paper.image { 0 } else { micro_pixels * 8 })?,
+            sums: Buffer::new(
+                context,
+                "micro-buffer sums",
+                if info.paper.one_node() { 0 } else { micro_pixels * 16 },
+            )?,
+            store,
+            pixels,
+            info,
+        })
+    }
+
+    /// Most micro-buffers that the device's limits on buffers and images allow at once.
+    pub fn most(context: &Context, info: RasterInfo) -> u64 {
+        let micro_pixels = u64::from(info.size * info.size);
+        let by_buffer = context.capabilities.max_storage_range / (micro_pixels * 16);
+        let side = u64::from(context.capabilities.max_image_size / info.size);
+        if info.paper.image { side * side } else { by_buffer }
+    }
+
+    /// Micro-buffers in a row of the paper's store.
+    pub fn columns(&self) -> u32 {
+        self.store.width / self.info.size
+    }
+
+    /// The micro-buffers under the names that shaders use.
+    pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
+        others.buffer("Nearest", &self.nearest).buffer("Sums", &self.sums).storage_image("store", &self.store)
+    }
+
+    /// Records that nothing is stored for the first `pixels` micro-buffers.
+    pub fn clear(&self, recorder: &mut Recorder, pixels: u32) {
+        let micro_pixels = u64::from(self.info.size * self.info.size) * u64::from(pixels);
+        recorder.barrier(&[Use::ComputeWrite], &[Use::CopyTarget]);
+        recorder.pass("clear", |device, commands| {
+            self.store.transition(device, commands, Use::Undefined, Use::StorageImage);
+            // SAFETY: the buffers and the image are live and were made as copy targets.
+            unsafe {
+                if self.info.paper.image {
+                    let all = vk::ImageSubresourceRange {
+                        aspect_mask: vk::ImageAspectFlags::COLOR,
+                        base_mip_level: 0,
+                        level_count: 1,
+                        base_array_layer: 0,
+                        layer_count: 1,
+                    };
+                    let zero = vk::ClearColorValue { float32: [0.0; 4] };
+                    self.store.transition(device, commands, Use::StorageImage, Use::CopyTarget);
+                    device.cmd_clear_color_image(
+                        commands,
+                        self.store.handle,
+                        vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+                        &zero,
+                        &[all],
+                    );
+                    self.store.transition(device, commands, Use::CopyTarget, Use::StorageImage);
+                } else {
+                    device.cmd_fill_buffer(commands, self.nearest.handle, 0, micro_pixels * 8, NO_DEPTH);
+                }
+                if !self.info.paper.one_node() {
+                    device.cmd_fill_buffer(commands, self.sums.handle, 0, micro_pixels * 16, 0);
+                }
+            }
+        });
+        recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
+    }
+}
+
+/// Columns and rows of a store for `pixels` micro-buffers, as square as it gets.
+fn store_shape(context: &Context, size: u32, pixels: u32) -> (u32, u32) {
+    let most = context.capabilities.max_image_size / size;
+    let columns = (f64::from(pixels).sqrt().ceil() as u32).clamp(1, most);
+    (columns, pixels.div_ceil(columns).max(1))
+}
+
+/// The passes.
+pub enum RasterPass {
+    /// Nearest depth by 64-bit minimum, then covered radiance of the front layer.
+    Coverage {
+        /// `glsl/visibility`.
+        visibility: ComputePipeline,
+        /// `glsl/coverage`.
+        coverage: ComputePipeline,
+    },
+    /// One node a micro-pixel, as in the paper.
+    Splat {
+        /// `glsl/splat`.
+        splat: ComputePipeline,
+    },
+}
+
+impl RasterPass {
+    /// Makes the pipelines.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn new(context: &Arc<Context>, info: RasterInfo) -> Result<Self> {
+        let [size, pixels] = info.constants();
+        if info.paper.one_node() {
+            let [cut, coverage] = info.paper.traversal_constants();
+            let constants = [
+                cut,
+                coverage,
+                size,
+                pixels,
+                Constant::new(5, info.paper.coverage),
+                Constant::new(6, info.paper.image),
+            ];
+            Ok(Self::Splat { splat: ComputePipeline::new(context, "splat/splat.comp", &constants)? })
+        } else {
+            let constants = [size, pixels];
+            Ok(Self::Coverage {
+                visibility: ComputePipeline::new(context, "visibility/visibility.comp", &constants)?,
+                coverage: ComputePipeline::new(context, "coverage/coverage.comp", &constants)?,
+            })
+        }
+    }
+
+    /// Descriptor sets for the pass's pipelines.
+    ///
+    /// # Errors
+    /// When a resource is missing.
+    pub fn bind(&self, bindings: &Bindings<'_>) -> Result<Vec<DescriptorSet>> {
+        match self {
+            Self::Coverage { visibility, coverage } => Ok(vec![visibility.bind(bindings)?, coverage.bind(bindings)?]),
+            Self::Splat { splat } => Ok(vec![splat.bind(bindings)?]),
+        }
+    }
+
+    /// Records the passes for a chunk of entries into cleared micro-buffers.
+    ///
+    /// # Errors
+    /// When the chunk is larger than a dispatch.
+    pub fn record(&self, recorder: &mut Recorder, sets: &[DescriptorSet], constants: Gather) -> Result<()> {
+        let entries = constants.entry_count;
+        match self {
+            Self::Coverage { visibility, coverage } => {
+                recorder.pass("visibility", |_, c| visibility.dispatch(c, &sets[0], &constants, entries))?;
+                recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead]);
+                recorder.pass("coverage", |_, c| coverage.dispatch(c, &sets[1], &constants, entries))?;
+            }
+            Self::Splat { splat } => {
+                recorder.pass("splat", |_, c| splat.dispatch(c, &sets[0], &constants, entries))?;
+            }
+        }
+        recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead, Use::StorageImage]);
+        Ok(())
+    }
+}
