@@ -35,6 +35,15 @@ impl PackedCone {
         }
     }
 
+    /// [`Self::encode`] of the cone that is a single direction of unit length, or of none where it is zero.
+    pub(super) fn of_direction(direction: Vec3) -> Self {
+        if direction == Vec3::ZERO {
+            return Self::ANY;
+        }
+        // Rounding turns the axis by at most sqrt(3) 2^-16, and the narrowest cone has a half aperture of 2^-7.
+        Self::pack(rounded(direction), ONE - 1.0)
+    }
+
     /// The axis (its length is 1 up to 3e-5; containment is meant for the normalised axis) and the cosine of the half
     /// aperture.
     pub fn decode(self) -> (Vec3, f32) {
@@ -45,11 +54,17 @@ impl PackedCone {
         (Vec3::new(low(xy), high(xy), low(zc)), high(zc))
     }
 
-    /// Packs four fractions, each rounded already.
-    fn pack(fractions: [f32; 4]) -> Self {
-        let [x, y, z, cos] = fractions.map(|f| u32::from(f.clamp(-ONE, ONE - 1.0) as i16 as u16));
-        Self([x | y << 16, z | cos << 16])
+    /// Packs fractions that are rounded already, from -2^15 to 2^15.
+    fn pack([x, y, z]: [f32; 3], cos: f32) -> Self {
+        let bits = |fraction: f32| u32::from(fraction.min(ONE - 1.0) as i16 as u16);
+        Self([bits(x) | bits(y) << 16, bits(z) | bits(cos) << 16])
     }
+}
+
+/// A unit vector in fractions of 2^15, to the nearest.
+fn rounded(direction: Vec3) -> [f32; 3] {
+    // Casts round towards zero, and are instructions on every processor, which `round` and `floor` are not.
+    direction.to_array().map(|f| (f * ONE + 0.5f32.copysign(f)) as i32 as f32)
 }
 
 /// A cone unpacked for arithmetic.
@@ -73,22 +88,17 @@ impl Cone {
         (cos > -1.0).then(|| axis.try_normalize()).flatten().map(|axis| Self::new(axis, cos))
     }
 
-    /// Cosine of the half aperture that a cone around `axis` needs to contain this one; -1 when all directions are.
-    fn reach(&self, axis: Vec3) -> f32 {
-        // Half the angle between the axes from the sides of their rhombus, exact for small angles too.
-        let half_sin = 0.5 * (axis - self.axis).length();
-        if half_sin == 0.0 {
+    /// Cosine of the half aperture that a cone needs to contain this one, whose axis is half as far from that cone's
+    /// axis as `half_between` says, (cosine, sine); -1 when it has to contain all directions.
+    fn reach(&self, half_between: Vec2) -> f32 {
+        if half_between.y == 0.0 {
             return self.half.x;
         }
-        let half_cos = 0.5 * (axis + self.axis).length();
-        let between = Vec2::new(1.0 - 2.0 * half_sin * half_sin, 2.0 * half_sin * half_cos);
-        let sum = between.rotate(self.half);
+        // Twice the angle, by the formulas that stay exact for small ones.
+        let (cos, sin) = half_between.into();
+        let sum = Vec2::new(1.0 - 2.0 * sin * sin, 2.0 * sin * cos).rotate(self.half);
         // A negative sine is a sum beyond pi.
         if sum.y >= 0.0 { sum.x - SLACK } else { -1.0 }
-    }
-
-    fn contains(&self, other: &Self) -> bool {
-        other.reach(self.axis) >= self.half.x
     }
 
     /// Half of the half aperture: the half-angle formulas.
@@ -97,15 +107,23 @@ impl Cone {
     }
 }
 
+/// Half the angle between two directions of unit length, as (cosine, sine): from the sides of their rhombus, which is
+/// exact for small angles too.
+fn half_between(a: Vec3, b: Vec3) -> Vec2 {
+    0.5 * Vec2::new((a + b).length(), (a - b).length())
+}
+
 /// The narrowest packed cone around `axis`, once that is packed, that contains all `cones`.
 fn around_axis(axis: Vec3, cones: &[Cone]) -> PackedCone {
-    let [x, y, z] = (axis * ONE).round().to_array();
-    let Some(axis) = PackedCone::pack([x, y, z, 0.0]).decode().0.try_normalize() else {
+    let axis = rounded(axis);
+    let Some(decoded) = PackedCone::pack(axis, 0.0).decode().0.try_normalize() else {
         return PackedCone::ANY;
     };
-    let cos = cones.iter().map(|cone| cone.reach(axis)).fold(1.0, f32::min);
-    let cos = (cos * ONE).floor();
-    if cos > -ONE { PackedCone::pack([x, y, z, cos]) } else { PackedCone::ANY }
+    let cos = cones.iter().map(|cone| cone.reach(half_between(decoded, cone.axis))).fold(1.0, f32::min) * ONE;
+    // The integer below: towards zero, and one less where that went up.
+    let whole = cos as i32 as f32;
+    let cos = if whole > cos { whole - 1.0 } else { whole };
+    if cos > -ONE { PackedCone::pack(axis, cos) } else { PackedCone::ANY }
 }
 
 /// The minimum cone around two cones, both as they decode, rounded so that it decodes to one that contains them. Where
@@ -117,10 +135,11 @@ pub(super) fn around(a: PackedCone, b: PackedCone) -> PackedCone {
     let (Some(cone_a), Some(cone_b)) = (Cone::unpack(a), Cone::unpack(b)) else {
         return PackedCone::ANY;
     };
-    if cone_a.contains(&cone_b) {
+    let half_between = half_between(cone_a.axis, cone_b.axis);
+    if cone_b.reach(half_between) >= cone_a.half.x {
         return a;
     }
-    if cone_b.contains(&cone_a) {
+    if cone_a.reach(half_between) >= cone_b.half.x {
         return b;
     }
 
@@ -231,7 +250,7 @@ mod tests {
 
     #[test]
     fn fractions_land_where_the_interface_says() {
-        let cone = PackedCone::pack([1.0, -2.0, 3.0, -4.0]);
+        let cone = PackedCone::pack([1.0, -2.0, 3.0], -4.0);
         assert_eq!(cone.0, [0xfffe_0001, 0xfffc_0003]);
         assert_eq!(cone.decode(), (Vec3::new(1.0, -2.0, 3.0) / ONE, -4.0 / ONE));
         assert_eq!(PackedCone::ANY.decode().1, -1.0);
@@ -282,6 +301,11 @@ mod tests {
             // Rounding of the axis (5e-5) and two steps of the cosine.
             let step = 2.0 / 32768.0 + 5e-5 * half.sin();
             prop_assert!(f64::from(cos - packed.decode().1) < step + 1e-5);
+        }
+
+        #[test]
+        fn a_direction_is_a_cone_without_aperture(direction in direction()) {
+            prop_assert_eq!(PackedCone::of_direction(direction), PackedCone::encode(direction, 1.0));
         }
 
         #[test]
