@@ -220,3 +220,137 @@ impl Source {
         Ok(values)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::preprocess::hierarchy::{BuildOptions, PackedCone, build};
+    use crate::scene::Cloud;
+    use glam::Vec3;
+    use tempfile::TempDir;
+
+    const INFO: BshInfo = BshInfo { points: 40, origin: DVec3::new(4.5e6, -1.0, 0.25) };
+
+    fn some_hierarchy() -> Hierarchy {
+        let along = |i: u32| Vec3::new(i as f32, (i * i % 7) as f32, 0.5);
+        let cloud = Cloud {
+            positions: (0..40).map(along).collect(),
+            colors: (0..40).map(|i| along(i) * 0.1).collect(),
+            normals: vec![Vec3::Y; 40],
+            spacing: vec![0.25; 40],
+            ..Cloud::default()
+        };
+        build(&cloud, &BuildOptions::default()).expect("the cloud is usable").0
+    }
+
+    /// A saved hierarchy: where, and its bytes.
+    fn saved() -> (TempDir, PathBuf, Vec<u8>) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("room.bsh");
+        write(&path, &some_hierarchy(), INFO).expect("the folder is writable");
+        let bytes = fs::read(&path).expect("it was written");
+        (folder, path, bytes)
+    }
+
+    /// Makes `bytes` a file with a checksum that is right for them, and reads it; the message of the failure.
+    fn refusal(path: &Path, mut bytes: Vec<u8>) -> String {
+        let end = bytes.len() - CHECKSUM_BYTES as usize;
+        let checksum = crc32fast::hash(&bytes[..end]);
+        bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+        fs::write(path, bytes).expect("the folder is writable");
+        message(path)
+    }
+
+    fn message(path: &Path) -> String {
+        let message = read(path).expect_err("the file is broken").to_string();
+        assert!(message.starts_with(&path.display().to_string()) && !message.contains('\n'), "{message}");
+        message
+    }
+
+    fn put<const N: usize>(bytes: &[u8], at: usize, value: [u8; N]) -> Vec<u8> {
+        let mut bytes = bytes.to_vec();
+        bytes[at..at + N].copy_from_slice(&value);
+        bytes
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_written() {
+        let (_folder, path, bytes) = saved();
+        let (hierarchy, info) = read_with_info(&path).expect("it is sound");
+        assert_eq!((hierarchy, info), (some_hierarchy(), INFO));
+        assert_eq!(bytes.len() as u64, 64 + NODE_BYTES * some_hierarchy().len() as u64 + CHECKSUM_BYTES);
+        assert_eq!(bytes[..16], *b"RELUMEBSH\0\0\0\x01\0\0\0");
+    }
+
+    #[test]
+    fn a_flipped_bit_anywhere_is_noticed() {
+        let (_folder, path, bytes) = saved();
+        for at in 0..bytes.len() {
+            fs::write(&path, put(&bytes, at, [bytes[at] ^ 1 << (at % 8)])).expect("the folder is writable");
+            message(&path);
+        }
+        fs::write(&path, put(&bytes, 300, [bytes[300] ^ 4])).expect("the folder is writable");
+        assert!(message(&path).contains("checksum"));
+    }
+
+    #[test]
+    fn a_file_of_any_other_length_is_noticed() {
+        let (_folder, path, bytes) = saved();
+        for length in 0..bytes.len() {
+            fs::write(&path, &bytes[..length]).expect("the folder is writable");
+            let message = message(&path);
+            let expected = if length < 64 { "does not begin with RELUMEBSH" } else { "bytes long and should be" };
+            assert!(message.contains(expected), "{message}");
+        }
+        fs::write(&path, [&bytes[..], &[0]].concat()).expect("the folder is writable");
+        assert!(message(&path).contains("bytes long and should be"));
+    }
+
+    #[test]
+    fn headers_that_make_no_sense_are_refused_before_anything_is_allocated() {
+        let (_folder, path, bytes) = saved();
+        assert!(refusal(&path, put(&bytes, 0, *b"PLY")).contains("does not begin with RELUMEBSH"));
+        assert!(refusal(&path, put(&bytes, 12, 2u32.to_le_bytes())).contains("version 2 of the format"));
+        for nodes in [0, 1 << 20, 1 << 40] {
+            assert!(refusal(&path, put(&bytes, 16, u64::to_le_bytes(nodes))).contains("bytes long and should be"));
+        }
+        assert!(refusal(&path, put(&bytes, 16, u64::MAX.to_le_bytes())).contains("which no file can hold"));
+        for depth in [0, 65, u32::MAX] {
+            assert!(refusal(&path, put(&bytes, 24, depth.to_le_bytes())).contains("with paths of"));
+        }
+        let empty = put(&bytes[..68], 16, 0u64.to_le_bytes());
+        assert!(refusal(&path, empty).contains("claims 0 nodes"));
+    }
+
+    #[test]
+    fn content_that_a_traversal_would_trip_over_is_refused() {
+        let (_folder, path, bytes) = saved();
+        let nodes = some_hierarchy().len();
+        let skips = 64 + 24 * nodes;
+        assert!(refusal(&path, put(&bytes, 24, 3u32.to_le_bytes())).contains("the stated depth is 3"));
+        assert!(refusal(&path, put(&bytes, 40, f64::NAN.to_le_bytes())).contains("the origin"));
+        assert!(refusal(&path, put(&bytes, 64, f32::NAN.to_le_bytes())).contains("centre of node 0"));
+        assert!(refusal(&path, put(&bytes, skips, u32::MAX.to_le_bytes())).contains("the root ends at"));
+        assert!(refusal(&path, put(&bytes, skips + 4, 0u32.to_le_bytes())).contains("broken hierarchy"));
+    }
+
+    #[test]
+    fn a_broken_hierarchy_is_not_written_and_an_older_file_stays() {
+        let (folder, path, bytes) = saved();
+        let broken = Hierarchy { cones: vec![PackedCone::ANY], ..some_hierarchy() };
+        let message = write(&path, &broken, INFO).expect_err("it is broken").to_string();
+        assert!(message.contains("broken hierarchy: there are 1 cones"), "{message}");
+        assert_eq!(fs::read(&path).expect("it is still there"), bytes);
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        assert!(message(&folder.path().join("none.bsh")).contains("cannot be read"));
+        assert!(message(folder.path()).contains("cannot be read") || cfg!(not(unix)));
+    }
+}

@@ -48,6 +48,7 @@ fn spread(cell: u32) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn spreading_puts_every_bit_at_three_times_its_place() {
@@ -70,5 +71,21 @@ mod tests {
     fn a_box_without_extent_has_one_cell() {
         let corner = Vec3::splat(7.0);
         assert_eq!(Lattice::new(corner, corner).code(corner), 0);
+    }
+
+    proptest! {
+        #![proptest_config(super::super::seeded())]
+
+        #[test]
+        fn codes_interleave_the_bits_of_the_cell(x in 0..CELLS, y in 0..CELLS, z in 0..CELLS) {
+            // A box of one metre a cell, and points in the middle of theirs.
+            let lattice = Lattice::new(Vec3::ZERO, Vec3::splat(CELLS as f32));
+            let position = Vec3::new(x as f32, y as f32, z as f32) + 0.5;
+            let expected = (0..BITS).fold(0u64, |code, bit| {
+                let [x, y, z] = [x, y, z].map(|cell| u64::from(cell >> bit & 1));
+                code | (x | y << 1 | z << 2) << (3 * bit)
+            });
+            prop_assert_eq!(lattice.code(position), expected);
+        }
     }
 }

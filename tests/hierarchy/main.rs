@@ -1,7 +1,12 @@
 //! Invariants of the bounding sphere hierarchy, rung 1 of the ladder.
 
+mod order;
+mod pruning;
+
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
+use rayon::ThreadPoolBuilder;
+use relume::Error;
 use relume::preprocess::hierarchy::{BuildOptions, BuildReport, ColorRule, Hierarchy, MAX_DEPTH, build};
 use relume::scene::Cloud;
 
@@ -199,4 +204,124 @@ proptest! {
         prop_assert!(report.depth <= MAX_DEPTH);
         prop_assert!(report.nodes_after <= report.nodes_before);
     }
+}
+
+/// A cloud large enough for many parallel tasks: a wavy floor, mostly of one colour, with patches of noise, and some
+/// points twice.
+fn floor() -> Cloud {
+    let mut state = 7u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let mut cloud = Cloud::default();
+    for point in 0..50_000 {
+        let (x, z) = (random() * 10.0, random() * 10.0);
+        let noisy = (x.floor() + z.floor()) % 3.0 == 0.0;
+        let rough = if noisy { 0.5 } else { 0.01 };
+        for _ in 0..if point % 100 == 0 { 2 } else { 1 } {
+            cloud.positions.push(Vec3::new(x, 0.1 * x.sin(), z));
+            cloud.normals.push((Vec3::Y + rough * Vec3::new(random(), random(), random())).normalize());
+            cloud.colors.push(Vec3::new(0.5, 0.4, 0.3) * (1.0 + rough * random()));
+            cloud.spacing.push(0.04 + 0.02 * random());
+        }
+    }
+    cloud
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads() {
+    let cloud = floor();
+    for options in [BuildOptions::default(), BuildOptions::unpruned()] {
+        let with = |threads| {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let hierarchy = pool.install(|| built(&cloud, &options)).0;
+            let bytes = [
+                bytemuck::cast_slice(&hierarchy.spheres),
+                bytemuck::cast_slice(&hierarchy.cones),
+                bytemuck::cast_slice(&hierarchy.skips),
+                bytemuck::cast_slice(&hierarchy.area_vectors),
+                bytemuck::cast_slice(&hierarchy.colors),
+                bytemuck::cast_slice::<f32, u8>(&hierarchy.areas),
+            ]
+            .concat();
+            (bytes, hierarchy.depth)
+        };
+        let one = with(1);
+        assert!(one == with(2) && one == with(7));
+    }
+}
+
+/// Two points, `apart` metres from each other along x, with spacing 1.
+fn pair(apart: f32, colors: [f32; 2], normals: [Vec3; 2]) -> Cloud {
+    Cloud {
+        positions: vec![Vec3::ZERO, Vec3::X * apart],
+        colors: colors.map(Vec3::splat).to_vec(),
+        normals: normals.to_vec(),
+        spacing: vec![1.0; 2],
+        ..Cloud::default()
+    }
+}
+
+#[test]
+fn points_in_one_cell_become_their_average() {
+    let cloud = Cloud {
+        positions: vec![Vec3::splat(2.0); 3],
+        colors: vec![Vec3::X, Vec3::Y, Vec3::Y],
+        normals: vec![Vec3::X, Vec3::Y, Vec3::Z],
+        spacing: vec![1.0, 2.0, 1.0],
+        ..Cloud::default()
+    };
+    let (hierarchy, report) = built(&cloud, &BuildOptions::default());
+    assert_eq!((hierarchy.len(), report.occupied_cells, hierarchy.depth), (1, 1, 1));
+    assert_eq!(hierarchy.areas, [6.0]);
+    assert_eq!(hierarchy.area_vectors, [[1.0, 4.0, 1.0]]);
+    assert!((Vec3::from(hierarchy.colors[0]) - Vec3::new(1.0 / 6.0, 5.0 / 6.0, 0.0)).length() < 1e-6);
+    assert!((hierarchy.spheres[0][3] - 2.0).abs() < 1e-6, "the largest disc");
+    assert!(angle(hierarchy.cones[0].decode().0, Vec3::ONE) < 1e-4);
+}
+
+#[test]
+fn a_million_points_in_one_place_take_no_longer_than_others() {
+    let one = |value| vec![value; 1_000_000];
+    let cloud = Cloud {
+        positions: one(Vec3::ONE),
+        colors: one(Vec3::splat(0.25)),
+        normals: (0..1_000_000).map(|i| Vec3::new((i as f32).sin(), (i as f32).cos(), 2.0).normalize()).collect(),
+        spacing: vec![0.0; 1_000_000],
+        ..Cloud::default()
+    };
+    let (hierarchy, report) = built(&cloud, &BuildOptions::default());
+    assert_eq!((hierarchy.len(), report.points), (1, 1_000_000));
+    assert!((Vec3::from(hierarchy.colors[0]) - 0.25).length() < 1e-6, "equal weights where there is no area");
+    assert!(angle(hierarchy.cones[0].decode().0, Vec3::Z) < 1e-3);
+}
+
+#[test]
+fn unusable_clouds_are_refused_with_a_reason() {
+    let good = || pair(1.0, [0.5, 0.5], [Vec3::Y; 2]);
+    type Damage = fn(&mut Cloud);
+    let cases: [(&str, Damage); 12] = [
+        ("no points", |c| *c = Cloud::default()),
+        ("0 normals for 2 points", |c| c.normals.clear()),
+        ("1 spacings for 2 points", |c| c.spacing.truncate(1)),
+        ("3 colors for 2 points", |c| c.colors.push(Vec3::ONE)),
+        ("position of point 1", |c| c.positions[1].y = f32::NAN),
+        ("position of point 0", |c| c.positions[0].z = 1e16),
+        ("color of point 0", |c| c.colors[0].x = -0.1),
+        ("color of point 1", |c| c.colors[1].z = f32::INFINITY),
+        ("normal of point 1", |c| c.normals[1].x = f32::NAN),
+        ("spacing of point 0", |c| c.spacing[0] = -1.0),
+        ("spacing of point 1", |c| c.spacing[1] = f32::NAN),
+        ("spacing of point 1", |c| c.spacing[1] = f32::INFINITY),
+    ];
+    for (expected, damage) in cases {
+        let mut cloud = good();
+        damage(&mut cloud);
+        let error = build(&cloud, &BuildOptions::default()).expect_err(expected);
+        assert!(matches!(error, Error::Argument(_)), "{error}");
+        assert!(error.to_string().contains(expected), "{error} instead of {expected}");
+    }
+    let nonsense = BuildOptions { color_threshold: f32::NAN, ..BuildOptions::default() };
+    assert!(matches!(build(&good(), &nonsense), Err(Error::Argument(_))));
 }
