@@ -56,12 +56,19 @@ struct LightMap {
     texels: Vec<Vec3>,
 }
 
-/// Where a texel lies.
+/// One texel of the map of `surface`.
 #[derive(Clone, Copy)]
 struct Texel {
     surface: usize,
-    u: f32,
-    v: f32,
+    low: Vec2,
+    size: Vec2,
+}
+
+impl Texel {
+    /// (u, v) on the surface of a place in the texel, each 0 to 1.
+    fn at(&self, place: Vec2) -> Vec2 {
+        self.low + self.size * place
+    }
 }
 
 /// A room with its light.
@@ -138,9 +145,12 @@ fn fill(
     let texels: Vec<Texel> = maps.iter().enumerate().flat_map(|(surface, map)| map.places(surface)).collect();
     let at = |(index, texel): (usize, &Texel)| {
         let surface = &tracer.room().surfaces[texel.surface];
-        let (position, normal) = (surface.at(texel.u, texel.v), surface.normal());
-        let hidden = tracer.hidden(position, normal);
-        (!hidden).then(|| irradiance(index as u64, lifted(position, normal), normal))
+        let normal = surface.normal();
+        // where the middle is hidden a corner may still look out of the wall
+        let elsewhere = (0..8).map(|n| texel.at(R2::new(0, 0).square(n)));
+        let mut places = std::iter::once(texel.at(Vec2::splat(0.5))).chain(elsewhere).map(|p| surface.at(p.x, p.y));
+        let seen = places.find(|&position| !tracer.hidden(position, normal));
+        seen.map(|position| irradiance(index as u64, lifted(position, normal), normal))
     };
     let mut values = parallel(&texels, progress, at).into_iter();
     for map in &mut maps {
@@ -191,14 +201,12 @@ fn spread(mut texels: Vec<Option<Vec3>>, width: usize) -> Vec<Vec3> {
 }
 
 impl LightMap {
-    /// The centres of all texels, in order.
+    /// All texels, in order.
     fn places(&self, surface: usize) -> impl Iterator<Item = Texel> + use<> {
-        let (width, height) = (self.width, self.height);
-        (0..width * height).map(move |n| Texel {
-            surface,
-            u: ((n % width) as f32 + 0.5) / width as f32,
-            v: ((n / width) as f32 + 0.5) / height as f32,
-        })
+        let width = self.width;
+        let size = Vec2::new(width as f32, self.height as f32).recip();
+        let low = move |n: usize| Vec2::new((n % width) as f32, (n / width) as f32) * size;
+        (0..width * self.height).map(move |n| Texel { surface, low: low(n), size })
     }
 
     /// Bilinear, clamped at the edges.
@@ -225,7 +233,7 @@ impl BakedRoom {
     }
 
     /// Radiance that leaves surface number `surface` at (u, v), without what it emits.
-    fn reflected_at(&self, surface: usize, u: f32, v: f32) -> Vec3 {
+    pub(super) fn reflected_at(&self, surface: usize, u: f32, v: f32) -> Vec3 {
         let irradiance = self.direct[surface].sample(u, v) + self.bounced[surface].sample(u, v);
         self.room().surfaces[surface].albedo_at(u, v) * irradiance / PI
     }

@@ -32,13 +32,6 @@ pub(super) struct EmitterSample {
 /// The chance of each emitter to be chosen at one receiver; sums to 1, or is all zero where none can contribute.
 pub(super) struct Shares(Vec<f32>);
 
-impl Shares {
-    /// True when no emitter lies above the receiver's horizon and faces it.
-    pub(super) fn is_dark(&self) -> bool {
-        self.0.iter().all(|&share| share == 0.0)
-    }
-}
-
 impl Emitters {
     pub(super) fn new(room: &Room) -> Self {
         let emitting = room.surfaces.iter().enumerate().filter(|(_, r)| r.emission.max_element() > 0.0);

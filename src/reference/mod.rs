@@ -6,6 +6,7 @@
 pub mod bake;
 mod bvh;
 mod emitters;
+pub mod gather;
 pub mod path_tracer;
 pub mod rooms;
 mod sampling;
