@@ -58,7 +58,7 @@ fn assert_near(what: &str, actual: f32, expected: f32, tolerance: f32) {
 fn white_furnace() {
     // emission 0.5 + 0.25 + 0.125 ... = 1, everywhere
     let room = baked(cube(0.5, 0.5));
-    for (surface, u, v) in [(0, 0.5, 0.5), (1, 0.2, 0.8), (3, 0.5, 0.3), (5, 0.7, 0.4)] {
+    for (surface, u, v) in [(0, 0.5, 0.5), (1, 0.2, 0.9), (3, 0.5, 0.02), (5, 0.7, 0.4)] {
         assert_near("furnace", room.radiance_at(surface, u, v).x, 1.0, 0.02);
     }
     assert_near("furnace, traced", room.trace(Vec3::splat(0.3), Vec3::X).y, 1.0, 0.02);
@@ -152,7 +152,7 @@ fn baked_light_agrees_with_the_path_tracer() {
         if luminance(baked) < 2.0 {
             baked_sum += baked;
             traced_sum += traced;
-            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.12);
+            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.06);
         }
     }
     assert!((baked_sum / traced_sum - 1.0).abs().max_element() < 0.02, "{baked_sum} and {traced_sum}");

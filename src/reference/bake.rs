@@ -44,7 +44,7 @@ pub struct BakeOptions {
 
 impl Default for BakeOptions {
     fn default() -> Self {
-        Self { texel: 0.025, direct_samples: 64, bounced_samples: 1024, bounces: 8, seed: 1 }
+        Self { texel: 0.025, direct_samples: 64, bounced_samples: 1024, bounces: 12, seed: 1 }
     }
 }
 
@@ -108,9 +108,9 @@ pub fn bake(room: Room, options: &BakeOptions, progress: Progress) -> Result<Bak
     let mut baked = BakedRoom { tracer, direct: fine.clone(), bounced: coarse.clone() };
     baked.direct = fill(&baked.tracer, fine, &part(0.0, direct_work), |index, position, normal| {
         let sequence = R2::new(index, options.seed);
-        let visible = |direction, distance| baked.tracer.visible(position, direction, distance);
-        let square = |n| sequence.square(n);
-        baked.tracer.emitters.irradiance((position, normal), options.direct_samples, square, visible)
+        let emitters = baked.tracer.emitters.seen_from(position, normal);
+        let unobstructed = |direction, distance| baked.tracer.visible(position, direction, distance);
+        emitters.irradiance(options.direct_samples, |n| sequence.square(n), unobstructed)
     });
     for pass in 0..options.bounces as usize {
         let last = pass == rough_passes;

@@ -1,4 +1,4 @@
-//! Closest hits on parallelograms: a bounding volume hierarchy split by surface area (MacDonald and Booth 1990), since
+//! Closest hits on rectangles: a bounding volume hierarchy split by surface area (MacDonald and Booth 1990), since
 //! a median among walls and balusters leaves boxes as large as the room.
 
 use glam::{Vec3, Vec3Swizzles};

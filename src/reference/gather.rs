@@ -6,7 +6,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::bake::{BakedRoom, Progress, parallel};
-use super::emitters::Shares;
+use super::emitters::Visible;
 use super::sampling::{R2, cosine_density, cosine_direction, tangents};
 use crate::{Error, Result};
 
@@ -130,14 +130,14 @@ pub fn gather(baked: &BakedRoom, receiver: &Receiver, brdf: Brdf, samples: u32, 
         return Vec3::ZERO;
     }
     let lobe = Lobe::new(brdf, receiver);
-    let shares = baked.tracer.emitters.shares(receiver.position, receiver.normal);
+    let emitters = baked.tracer.emitters.seen_from(receiver.position, receiver.normal);
     let (directions, lamps) = (R2::new(0, seed), R2::new(1, seed));
     let mut sum = Vec3::ZERO;
     for n in 0..samples {
-        sum += from_brdf(baked, receiver, &lobe, &shares, directions.square(n));
+        sum += from_brdf(baked, receiver, &lobe, &emitters, directions.square(n));
         // picking in order gives every lamp a stretch of the sequence, which is even by itself
         let pick = (n as f32 + 0.5) / samples as f32;
-        if let Some(lamp) = baked.tracer.emitters.sample(&shares, receiver.position, pick, lamps.square(n)) {
+        if let Some(lamp) = emitters.sample(pick, lamps.square(n)) {
             let (value, density) = lobe.evaluate(lamp.direction);
             if value != Vec3::ZERO && baked.tracer.visible(receiver.position, lamp.direction, lamp.distance) {
                 // balance heuristic: value / p_lamp * p_lamp / (p_brdf + p_lamp)
@@ -149,14 +149,14 @@ pub fn gather(baked: &BakedRoom, receiver: &Receiver, brdf: Brdf, samples: u32, 
 }
 
 /// One sample of the BRDF: all that the room reflects, and of what it emits the part that lamp samples leave.
-fn from_brdf(baked: &BakedRoom, receiver: &Receiver, lobe: &Lobe, shares: &Shares, square: Vec2) -> Vec3 {
+fn from_brdf(baked: &BakedRoom, receiver: &Receiver, lobe: &Lobe, emitters: &Visible, square: Vec2) -> Vec3 {
     let direction = lobe.sample(square);
     let (value, density) = lobe.evaluate(direction);
     let Some(hit) = baked.tracer.hit(receiver.position, direction).filter(|hit| hit.front && density > 0.0) else {
         return Vec3::ZERO;
     };
     let emission = baked.room().surfaces[hit.surface].emission;
-    let lamp_density = baked.tracer.emitters.density(shares, hit.surface, direction, hit.distance);
+    let lamp_density = emitters.density(hit.surface);
     let reflected = baked.reflected_at(hit.surface, hit.u, hit.v);
     value * (reflected / density + emission / (density + lamp_density))
 }

@@ -84,9 +84,8 @@ impl PathTracer {
 
     /// Direct irradiance from one random point of one random lamp.
     fn one_lamp(&self, position: Vec3, normal: Vec3, random: &mut Random) -> Vec3 {
-        let shares = self.emitters.shares(position, normal);
         let (pick, square) = (random.uniform(), random.square());
-        let Some(lamp) = self.emitters.sample(&shares, position, pick, square) else { return Vec3::ZERO };
+        let Some(lamp) = self.emitters.seen_from(position, normal).sample(pick, square) else { return Vec3::ZERO };
         let cosine = normal.dot(lamp.direction);
         if cosine > 0.0 && self.visible(position, lamp.direction, lamp.distance) {
             lamp.emission * (cosine / lamp.density)

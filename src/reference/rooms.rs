@@ -13,14 +13,14 @@ pub struct Checker {
     pub size: Vec2,
 }
 
-/// A parallelogram, seen from the side that `edge_u x edge_v` points to; its back is black.
+/// A rectangle, seen from the side that `edge_u x edge_v` points to; its back is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
     /// One corner, world space, metres.
     pub corner: Vec3,
     /// From that corner to the next, metres.
     pub edge_u: Vec3,
-    /// From that corner to the other next, metres.
+    /// From that corner to the other next, metres; perpendicular to `edge_u`.
     pub edge_v: Vec3,
     /// Diffuse reflectance, 0 to 1.
     pub albedo: Vec3,
@@ -86,6 +86,8 @@ impl Room {
             let reflects = |albedo: Vec3| albedo.min_element() >= 0.0 && albedo.max_element() <= 1.0;
             let problem = if !surface.corners().iter().all(|c| c.is_finite()) || surface.normal() == Vec3::ZERO {
                 "has no area or is not finite"
+            } else if surface.edge_u.normalize().dot(surface.edge_v.normalize()).abs() > 1e-4 {
+                "has edges that are not perpendicular"
             } else if !(reflects(surface.albedo) && reflects(second)) {
                 "has an albedo outside 0 to 1"
             } else if surface.checker.is_some_and(|checker| checker.size.min_element() <= 0.0 || checker.size.is_nan())
