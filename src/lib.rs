@@ -11,6 +11,7 @@
 //! World space is right-handed with +Y up, in metres; radiance is linear with Rec. 709 primaries, and 1.0 is the
 //! white of an 8-bit cloud.
 
+pub mod compare;
 pub mod error;
 pub mod formats;
 pub mod gpu;

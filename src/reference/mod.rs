@@ -1,1 +1,12 @@
 //! Slow and plain: what the fast paths are held against.
+//!
+//! [`rooms`] describes places in code, [`path_tracer`] lights them, [`bake`](mod@bake) stores that light so that it
+//! can be looked up, scanned as a point cloud and gathered at the pixels of an object ([`gather`](mod@gather)).
+
+pub mod bake;
+mod bvh;
+mod emitters;
+pub mod gather;
+pub mod path_tracer;
+pub mod rooms;
+mod sampling;
