@@ -1,4 +1,25 @@
 //! Files: one module a format, readers and writers. Readers allocate no more than the file can back; writers make
 //! files that appear whole or not at all.
 
+pub mod cloud;
+pub mod color;
+pub mod las;
+pub mod pcd;
+pub mod ply;
+mod points;
+mod table;
 pub mod whole;
+
+use std::path::Path;
+
+use crate::{Error, Result};
+
+/// The whole file in memory.
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))
+}
+
+/// The file name's extension in lower case; empty where there is none.
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
