@@ -3,7 +3,9 @@
 
 pub mod cloud;
 pub mod color;
+pub mod image;
 pub mod las;
+pub mod object;
 pub mod pcd;
 pub mod ply;
 mod points;

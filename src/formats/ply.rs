@@ -58,6 +58,8 @@ pub fn write_cloud(path: &Path, cloud: &Cloud) -> Result<()> {
 /// One element's scalar properties and one of its lists.
 pub(super) struct Rows<'a> {
     pub(super) table: Table<'a>,
+    /// Number of rows.
+    pub(super) rows: usize,
     /// Row r's list is `list[ends[r - 1]..ends[r]]`; both are empty where the element has no such property. What is
     /// no index (negative, or too large) is `u32::MAX`.
     pub(super) list: Vec<u32>,
@@ -302,7 +304,7 @@ impl Element {
             })
             .collect();
         let table = Table::new(rows, fields, scalars, big_endian).ok_or_else(|| self.too_short(path, 0))?;
-        Ok(Rows { table, list, ends })
+        Ok(Rows { table, rows, list, ends })
     }
 
     fn too_short(&self, path: &Path, held: usize) -> Error {

@@ -110,11 +110,6 @@ impl<'a> Table<'a> {
         Some(Self { rows, fields, bytes, big_endian })
     }
 
-    /// Number of rows.
-    pub(super) fn rows(&self) -> usize {
-        self.rows
-    }
-
     /// Names of all columns, for messages.
     pub(super) fn names(&self) -> String {
         let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
