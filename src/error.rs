@@ -40,9 +40,6 @@ impl Error {
     /// An [`Error::File`]; line breaks in `problem` are folded into one line.
     pub fn file(path: impl AsRef<Path>, problem: impl std::fmt::Display) -> Self {
         let problem = problem.to_string();
-        Self::File {
-            path: path.as_ref().to_owned(),
-            problem: problem.split_whitespace().collect::<Vec<_>>().join(" "),
-        }
+        Self::File { path: path.as_ref().to_owned(), problem: problem.split_whitespace().collect::<Vec<_>>().join(" ") }
     }
 }

@@ -2,4 +2,27 @@
 //! files that appear whole or not at all.
 
 pub mod bsh;
+pub mod cloud;
+pub mod color;
+pub mod image;
+pub mod las;
+pub mod object;
+pub mod pcd;
+pub mod ply;
+mod points;
+mod table;
 pub mod whole;
+
+use std::path::Path;
+
+use crate::{Error, Result};
+
+/// The whole file in memory.
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))
+}
+
+/// The file name's extension in lower case; empty where there is none.
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}

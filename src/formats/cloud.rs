@@ -1,0 +1,59 @@
+//! Point clouds, whatever their format.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+
+use super::{extension, las, pcd, ply};
+use crate::preprocess::neighbours;
+use crate::scene::Cloud;
+use crate::{Error, Result};
+
+/// Which axis of the file points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Up {
+    /// +Y, as in relume's world: nothing is turned.
+    #[default]
+    Y,
+    /// +Z, as in surveying: (x, y, z) becomes (x, z, -y).
+    Z,
+}
+
+/// What a file cannot say about itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CloudOptions {
+    /// The file's up axis.
+    pub up: Up,
+    /// Point that estimated normals look towards where the file does not know the scanner's place, in the space of
+    /// [`Cloud::positions`]. Without it they look towards the centre of the bounding box, as suits a room.
+    pub orient_towards: Option<Vec3>,
+}
+
+/// Reads a cloud from a .ply, .pcd, .las or .laz file, turns +Y up and estimates the normals and the spacing that the
+/// file lacks. All values of the result are finite, all normals unit, and there is at least one point.
+///
+/// # Errors
+/// [`Error::File`] where the extension is another, the file cannot be read or understood, or it holds no valid point
+/// or no colours. [`Error::Limit`] for more than 2^32 - 1 points.
+pub fn load(path: &Path, options: &CloudOptions) -> Result<Cloud> {
+    let mut cloud = match extension(path).as_str() {
+        "ply" => ply::read_cloud(path)?,
+        "pcd" => pcd::read(path)?,
+        "las" | "laz" => las::read(path)?,
+        _ => return Err(Error::file(path, "is not a known kind of point cloud: expected .ply, .pcd, .las or .laz")),
+    };
+    if options.up == Up::Z {
+        turn_z_up(&mut cloud);
+    }
+    neighbours::complete(&mut cloud, options.orient_towards)?;
+    Ok(cloud)
+}
+
+/// Turns a scan whose +Z points up by -90 degrees about x.
+fn turn_z_up(cloud: &mut Cloud) {
+    let turn = |v: &mut Vec3| *v = Vec3::new(v.x, v.z, -v.y);
+    cloud.positions.iter_mut().for_each(turn);
+    cloud.normals.iter_mut().for_each(turn);
+    cloud.viewpoint.iter_mut().for_each(turn);
+    cloud.origin = DVec3::new(cloud.origin.x, cloud.origin.z, -cloud.origin.y);
+}
