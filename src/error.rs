@@ -33,8 +33,8 @@ pub enum Error {
     },
 }
 
-/// `std::result::Result` with [`Error`].
-pub type Result<T> = std::result::Result<T, Error>;
+/// `std::result::Result` with [`Error`] unless another is named.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
     /// An [`Error::File`]; line breaks in `problem` are folded into one line.

@@ -11,9 +11,11 @@
 //! World space is right-handed with +Y up, in metres; radiance is linear with Rec. 709 primaries, and 1.0 is the
 //! white of an 8-bit cloud.
 
+pub mod cli;
 pub mod compare;
 pub mod error;
 pub mod formats;
+pub mod frames;
 pub mod gpu;
 pub mod passes;
 pub mod preprocess;

@@ -1,6 +1,6 @@
 // Hands every node of an entry's lists to `rasterise`, which the includer defines, once for each of its pixels. A block's
 // lists are those of the receivers that contain all of it (levels 4 to 1; each node is fetched once for all pixels),
-// then those of each pixel alone.
+// then those of each pixel alone. The includer also defines `finish`, called once at the end.
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= gather.entry_count) return;
@@ -31,4 +31,5 @@ void main() {
             }
         }
     }
+    finish();
 }

@@ -41,4 +41,6 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, 
     }
 }
 
+void finish() {}
+
 #include "common/raster_loop.glsl"

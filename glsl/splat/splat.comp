@@ -20,7 +20,11 @@ layout(constant_id = 6) const bool IMAGE_STORE = true;
 layout(local_size_x = 32) in;
 
 layout(std430, binding = 10) buffer Nearest { uint64_t nearest[]; };
-layout(binding = 11, rgba16f) uniform image2D store;
+layout(binding = 12, rgba16f) uniform image2D store;
+// Nodes handed to pixels, and those of them that may cover something.
+layout(std430, binding = 16) buffer RasterCounts { uint64_t offered_count; uint64_t drawn_count; };
+uint offered = 0u;
+uint drawn = 0u;
 
 void put(uint start, uint x, uint y, float depth, uint node) {
     if (IMAGE_STORE) {
@@ -43,6 +47,7 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
     float radius = node_spheres[node].w;
     Cone cone = node_cone(node);
     if (site.normal == vec3(0.0) || pixel_discards(to_node, distance2, site.normal, radius, cone, 0.0)) return;
+    drawn += 1u;
     float centre_distance = sqrt(distance2);
     bool inside = centre_distance <= radius;
     vec3 local = vec3(dot(site.tangent, to_node), dot(site.bitangent, to_node), dot(site.normal, to_node));
@@ -78,6 +83,7 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
 void rasterise_box(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
     Footprint footprint = footprint_of(site, centre, area_vector, area2);
     if (footprint.density <= 0.0) return;
+    drawn += 1u;
     ivec2 first = ivec2(clamp(ceil(footprint.low - 0.5), 0.0, float(SIZE)));
     ivec2 last = ivec2(clamp(floor(footprint.high - 0.5), -1.0, float(SIZE) - 1.0));
     for (int y = first.y; y <= last.y; ++y) {
@@ -86,11 +92,17 @@ void rasterise_box(uint start, Site site, uint node, vec3 centre, vec3 area_vect
 }
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
+    offered += 1u;
     if (RAY_SPHERE) {
         rasterise_sphere(start, site, node, centre);
     } else {
         rasterise_box(start, site, node, centre, area_vector, area2);
     }
+}
+
+void finish() {
+    atomicAdd(offered_count, uint64_t(offered));
+    atomicAdd(drawn_count, uint64_t(drawn));
 }
 
 #include "common/raster_loop.glsl"

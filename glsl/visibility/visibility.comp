@@ -14,6 +14,10 @@
 layout(local_size_x = 32) in;
 
 layout(std430, binding = 10) buffer Nearest { uint64_t nearest[]; };
+// Nodes handed to pixels, and those of them that cover something.
+layout(std430, binding = 16) buffer RasterCounts { uint64_t offered_count; uint64_t drawn_count; };
+uint offered = 0u;
+uint drawn = 0u;
 
 // A node hides what lies behind it in a micro-pixel when its centre lies there or it covers this share of it; a
 // sliver hides nothing.
@@ -21,7 +25,9 @@ const float HIDING_SHARE = 0.25;
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
     Footprint footprint = footprint_of(site, centre, area_vector, area2);
+    offered += 1u;
     if (footprint.density <= 0.0) return;
+    drawn += 1u;
     uint64_t key = (uint64_t(floatBitsToUint(footprint.depth)) << 32) | uint64_t(node);
     vec2 middle = 0.5 * (footprint.low + footprint.high);
     ivec2 home = ivec2(clamp(middle, vec2(0.0), vec2(float(SIZE) - 1.0)));
@@ -37,6 +43,11 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, 
             if (key < nearest[at]) atomicMin(nearest[at], key);
         }
     }
+}
+
+void finish() {
+    atomicAdd(offered_count, uint64_t(offered));
+    atomicAdd(drawn_count, uint64_t(drawn));
 }
 
 #include "common/raster_loop.glsl"

@@ -177,7 +177,7 @@ fn read_header(path: &Path, length: u64, source: &mut Source) -> Result<Header> 
         }
         None => return wrong(format!("claims {nodes} nodes, which no file can hold; build it again")),
     }
-    if nodes == 0 || nodes > u32::MAX.into() || !(1..=MAX_DEPTH).contains(&depth) {
+    if nodes == 0 || nodes > u64::from(u32::MAX) || !(1..=MAX_DEPTH).contains(&depth) {
         return wrong(format!("claims {nodes} nodes with paths of {depth}; build it again"));
     }
     Ok(header)

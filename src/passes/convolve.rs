@@ -11,7 +11,7 @@ use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet, Sampler};
 use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 use crate::scene::FarField;
-use crate::{Error, Result};
+use crate::Result;
 
 /// What the object is made of.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -232,16 +232,15 @@ impl ConvolvePass {
         Ok(())
     }
 
-    /// Fails when a micro-pixel's sums ran over; reads the flag after the submissions are done.
+    /// Whether a micro-pixel's sums ran over since the last call, after the submissions are done.
     ///
     /// # Errors
-    /// [`Error::Limit`] with the number.
-    pub fn check(&self, coverage_limit: f32) -> Result<()> {
-        if self.overflowed.download::<u32>(1)?[0] != 0 {
-            return Err(Error::Limit(format!(
-                "a micro-pixel is covered more than {coverage_limit} times over, which its sums do not hold"
-            )));
+    /// When a Vulkan call fails.
+    pub fn overflowed(&self) -> Result<bool> {
+        let flag = self.overflowed.download::<u32>(1)?[0] != 0;
+        if flag {
+            self.overflowed.upload(&[0; 4])?;
         }
-        Ok(())
+        Ok(flag)
     }
 }

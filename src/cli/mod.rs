@@ -1,0 +1,71 @@
+//! The command line: one file a verb.
+
+mod bench;
+mod build;
+mod compare;
+mod demo;
+mod info;
+mod progress;
+mod render;
+mod values;
+
+use clap::{Parser, Subcommand};
+
+use crate::{Error, Result};
+
+/// Lights virtual objects with scanned places.
+#[derive(Debug, Parser)]
+#[command(name = "relume", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Build a room and an object in code, light the object with every technique, and show the pictures
+    Demo(demo::Args),
+    /// Build the hierarchy of a cloud and save it
+    Build(build::Args),
+    /// Light an object inside a cloud
+    Render(Box<render::Args>),
+    /// Compare an image with a reference
+    Compare(compare::Args),
+    /// Measure
+    #[command(subcommand)]
+    Bench(bench::Verb),
+    /// List devices, what each supports, and which one relume would use
+    Info(info::Args),
+}
+
+/// Runs the command line `arguments` (the program's name first).
+///
+/// # Errors
+/// Everything that goes wrong, as one line; help and version are printed and are no errors.
+pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()> {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) if !error.use_stderr() => {
+            // Help or version. A closed pipe is no reason to fail.
+            let _ = error.print();
+            return Ok(());
+        }
+        Err(error) => return Err(Error::Argument(one_line(&error))),
+    };
+    match cli.verb {
+        Verb::Demo(args) => demo::run(&args),
+        Verb::Build(args) => build::run(&args),
+        Verb::Render(args) => render::run(&args),
+        Verb::Compare(args) => compare::run(&args),
+        Verb::Bench(verb) => bench::run(&verb),
+        Verb::Info(args) => info::run(&args),
+    }
+}
+
+/// Clap's message without the usage and hints that follow it.
+fn one_line(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let text = text.split("\n\nUsage:").next().unwrap_or(&text);
+    let text = text.split("\n\nFor more information").next().unwrap_or(text);
+    text.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,363 @@
+//! `relume render`: an object in the light of a cloud.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use glam::{Affine3A, DVec3, Quat, Vec3};
+use serde::Serialize;
+
+use super::{progress, values};
+use crate::formats::cloud::{CloudOptions, Up};
+use crate::formats::image::{ExrGroup, ExrLayers};
+use crate::formats::{bsh, cloud, color, image, object, whole};
+use crate::frames::{Frame, MaterialChoice, Paper, Renderer, Settings, Technique};
+use crate::gpu::recorder::PassProfile;
+use crate::gpu::{Context, ContextOptions};
+use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
+use crate::scene::{Camera, Cloud, Object};
+use crate::{Error, Result};
+
+/// Up axis of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum UpAxis {
+    /// +Y
+    Y,
+    /// +Z, turned to +Y
+    Z,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Cloud (.ply, .pcd, .las, .laz) or saved hierarchy (.bsh)
+    #[arg(long, value_name = "FILE")]
+    cloud: PathBuf,
+    /// Object: .gltf, .glb, .obj or .ply
+    #[arg(long, value_name = "FILE")]
+    object: PathBuf,
+    /// Where the object's origin goes, in the cloud's coordinates [default: where the file puts it]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    object_at: Option<DVec3>,
+    /// Scale about the object's own origin
+    #[arg(long, value_name = "S", value_parser = values::positive, default_value = "1")]
+    object_scale: f64,
+    /// Turn about +Y and the object's own origin, degrees
+    #[arg(long, value_name = "DEG", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
+    object_turn: f64,
+    /// The cloud's up axis
+    #[arg(long, value_enum, default_value_t = UpAxis::Y)]
+    up: UpAxis,
+    /// Where estimated normals look, when the cloud does not know where the scanner stood [default: the object]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    towards: Option<DVec3>,
+    /// Eye [default: the object is framed]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    camera_from: Option<DVec3>,
+    /// Point in the middle of the image [default: the object's middle]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
+    camera_at: Option<DVec3>,
+    /// Vertical field of view, degrees [default: 30]
+    #[arg(long, value_name = "DEG", value_parser = values::field_of_view)]
+    fov: Option<f64>,
+    /// Image size
+    #[arg(long, value_name = "WxH", value_parser = values::size, default_value = "512x512")]
+    size: (u32, u32),
+    /// classic, mipmapped or hybrid [default: hybrid, or classic where the device lacks what hybrid needs]
+    #[arg(long)]
+    technique: Option<Technique>,
+    /// Micro-pixels along a side: even, 8 to 64
+    #[arg(long, value_name = "N", value_parser = values::microbuffer, default_value = "24")]
+    microbuffer: u32,
+    /// Follow the paper to the letter in these parts: image, coverage, weights, cut, or all
+    #[arg(long, value_name = "PARTS", value_parser = values::paper)]
+    paper: Option<Paper>,
+    /// Solid angle at which nodes are rasterised, in micro-pixels
+    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, default_value = "4")]
+    stop: f64,
+    /// Solid angle at which hybrid leaves the geometry shader, in micro-pixels
+    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, default_value = "32")]
+    switch: f64,
+    /// Far field where no point covers: lat-long .exr or .hdr [default: black]
+    #[arg(long, value_name = "FILE")]
+    environment: Option<PathBuf>,
+    /// file, diffuse:ALBEDO or metal:ALPHA
+    #[arg(long, value_parser = values::material, default_value = "file")]
+    material: MaterialChoice,
+    /// Most device memory, MiB
+    #[arg(long, value_name = "MIB", default_value_t = Settings::DEFAULT_BUDGET >> 20,
+          value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
+    memory_budget: u64,
+    /// Part of the device's name [default: the best]
+    #[arg(long, value_name = "NAME")]
+    device: Option<String>,
+    /// Run with the validation layer; its messages are errors
+    #[arg(long)]
+    validation: bool,
+    /// Image: .exr (linear, with layers) or .png
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Exposure of a PNG in stops
+    #[arg(long, value_name = "STOPS", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
+    exposure: f64,
+    /// Times and counts
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+}
+
+/// Contents of `--stats`.
+#[derive(Serialize)]
+struct Stats<'a> {
+    device: &'a str,
+    driver: &'a str,
+    technique: Technique,
+    width: u32,
+    height: u32,
+    microbuffer: u32,
+    paper: Paper,
+    material: MaterialChoice,
+    covered_pixels: u64,
+    points: Option<usize>,
+    nodes_before_pruning: Option<usize>,
+    nodes: usize,
+    visited_pairs: u64,
+    rasterised_nodes: u64,
+    pairs_per_covered_pixel: f64,
+    tiles: u64,
+    splits: u64,
+    peak_feedback_bytes: u64,
+    microbuffer_bytes: u64,
+    memory_budget_bytes: u64,
+    device_bytes_peak: u64,
+    frame_wall_ms: f64,
+    total_wall_s: f64,
+    loading_s: &'a [(&'static str, f64)],
+    passes: &'a std::collections::BTreeMap<&'static str, PassProfile>,
+}
+
+/// Seconds of named steps.
+#[derive(Default)]
+struct Clock(Vec<(&'static str, f64)>);
+
+impl Clock {
+    fn time<T>(&mut self, step: &'static str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let start = Instant::now();
+        let result = work();
+        self.0.push((step, start.elapsed().as_secs_f64()));
+        result
+    }
+}
+
+/// A hierarchy and where it comes from.
+struct LoadedHierarchy {
+    hierarchy: Hierarchy,
+    points: Option<usize>,
+    nodes_before: Option<usize>,
+    origin: DVec3,
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    let start = Instant::now();
+    values::check_output(&args.out, &["exr", "png"])?;
+    if let Some(stats) = &args.stats {
+        values::check_output(stats, &["json"])?;
+    }
+    let mut clock = Clock::default();
+    let bar = progress::spinner("reading");
+    let object = clock.time("object", || object::load(&args.object))?;
+    let far_field = args
+        .environment
+        .as_ref()
+        .map(|path| clock.time("far field", || image::read_far_field(path)))
+        .transpose()?;
+    let context =
+        clock.time("device", || Context::new(&ContextOptions { device: args.device.clone(), validation: args.validation }))?;
+    let technique = pick_technique(args.technique, &context);
+
+    // The object's place is in the file's coordinates, which a cloud with large ones is not kept in: the cloud comes
+    // first, and its normals look at the object.
+    let loaded = load_hierarchy(args, &object, &mut clock)?;
+    let place = placement(args, loaded.origin);
+    let object = object.transformed(place);
+    let camera = camera(args, &object, loaded.origin)?;
+    let settings = Settings {
+        technique,
+        width: args.size.0,
+        height: args.size.1,
+        microbuffer: args.microbuffer,
+        paper: args.paper.unwrap_or_default(),
+        material: args.material,
+        stop: args.stop,
+        switch: args.switch,
+        memory_budget: args.memory_budget << 20,
+        pair_capacity: None,
+    };
+    let mut renderer = clock.time("upload and pipelines", || {
+        Renderer::new(&context, &loaded.hierarchy, &object, far_field.as_ref(), settings)
+    })?;
+    bar.finish_and_clear();
+    let bar = progress::bar("lighting", 1);
+    let frame = renderer.render(&camera, &mut |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    if frame.stats.covered_pixels == 0 {
+        tracing::warn!("the camera does not see the object");
+    }
+    let messages = context.validation.messages();
+    if let Some(first) = messages.first() {
+        return Err(Error::Device(format!("{} validation messages, the first: {first}", messages.len())));
+    }
+
+    write_frame(&args.out, &frame, &camera, args.exposure as f32)?;
+    if let Some(path) = &args.stats {
+        let stats = &frame.stats;
+        let report = Stats {
+            device: &context.capabilities.name,
+            driver: &context.capabilities.driver,
+            technique,
+            width: frame.width,
+            height: frame.height,
+            microbuffer: settings.microbuffer,
+            paper: settings.paper,
+            material: settings.material,
+            covered_pixels: stats.covered_pixels,
+            points: loaded.points,
+            nodes_before_pruning: loaded.nodes_before,
+            nodes: loaded.hierarchy.len(),
+            visited_pairs: stats.visited_pairs,
+            rasterised_nodes: stats.rasterised_nodes,
+            pairs_per_covered_pixel: stats.visited_pairs as f64 / stats.covered_pixels.max(1) as f64,
+            tiles: stats.batches,
+            splits: stats.splits,
+            peak_feedback_bytes: stats.peak_feedback_bytes,
+            microbuffer_bytes: stats.microbuffer_bytes,
+            memory_budget_bytes: settings.memory_budget,
+            device_bytes_peak: stats.device_bytes_peak,
+            frame_wall_ms: stats.wall_ms,
+            total_wall_s: start.elapsed().as_secs_f64(),
+            loading_s: &clock.0,
+            passes: &stats.profile.passes,
+        };
+        write_json(path, &report)?;
+    }
+    println!(
+        "{}: {} pixels lit by {} in {:.0} ms on {}",
+        args.out.display(),
+        frame.stats.covered_pixels,
+        technique,
+        frame.stats.wall_ms,
+        context.capabilities.name
+    );
+    Ok(())
+}
+
+/// What was asked for; else hybrid, or classic with one line about why.
+fn pick_technique(wanted: Option<Technique>, context: &Context) -> Technique {
+    wanted.unwrap_or_else(|| match context.why_no_feedback() {
+        None => Technique::Hybrid,
+        Some(why) => {
+            eprintln!("relume: {why}");
+            Technique::Classic
+        }
+    })
+}
+
+/// The object's transform into the space of a cloud whose `origin` was subtracted.
+fn placement(args: &Args, origin: DVec3) -> Affine3A {
+    let at = args.object_at.map_or(DVec3::ZERO, |at| at - origin);
+    Affine3A::from_scale_rotation_translation(
+        Vec3::splat(args.object_scale as f32),
+        Quat::from_rotation_y(args.object_turn.to_radians() as f32),
+        at.as_vec3(),
+    )
+}
+
+fn camera(args: &Args, object: &Object, origin: DVec3) -> Result<Camera> {
+    let (low, high) = object.bounds();
+    let framing = Camera::framing(0.5 * (low + high), 0.5 * (high - low).length());
+    let camera = Camera {
+        from: args.camera_from.map_or(framing.from, |p| (p - origin).as_vec3()),
+        at: args.camera_at.map_or(framing.at, |p| (p - origin).as_vec3()),
+        fov_y: args.fov.map_or(framing.fov_y, |degrees| degrees.to_radians() as f32),
+    };
+    if camera.from.distance(camera.at) <= 1e-6 * (1.0 + camera.at.length()) {
+        return Err(Error::Argument("--camera-from and --camera-at are the same point".into()));
+    }
+    Ok(camera)
+}
+
+fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<LoadedHierarchy> {
+    let saved = args.cloud.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsh"));
+    if saved {
+        let (hierarchy, info) = clock.time("hierarchy file", || bsh::read_with_info(&args.cloud))?;
+        let points = usize::try_from(info.points).ok();
+        return Ok(LoadedHierarchy { hierarchy, points, nodes_before: None, origin: info.origin });
+    }
+    let (low, high) = object.clone().transformed(placement(args, DVec3::ZERO)).bounds();
+    let towards = args.towards.unwrap_or_else(|| (0.5 * (low + high)).as_dvec3());
+    let cloud = clock.time("cloud", || load_cloud(&args.cloud, args.up, Some(towards)))?;
+    let (hierarchy, report) = clock.time("hierarchy", || hierarchy::build(&cloud, &BuildOptions::default()))?;
+    Ok(LoadedHierarchy {
+        hierarchy,
+        points: Some(report.points),
+        nodes_before: Some(report.nodes_before),
+        origin: cloud.origin,
+    })
+}
+
+/// Reads a cloud; `towards` is where estimated normals look if the file does not know better.
+pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Result<Cloud> {
+    let up = match up {
+        UpAxis::Y => Up::Y,
+        UpAxis::Z => Up::Z,
+    };
+    cloud::load(path, &CloudOptions { up, orient_towards: towards.map(|t| t.as_vec3()) })
+}
+
+/// Writes an EXR with layers or a PNG, by the name's ending.
+pub(super) fn write_frame(path: &Path, frame: &Frame, camera: &Camera, stops: f32) -> Result<()> {
+    let three = |values: &[[f32; 4]]| values.iter().map(|v| Vec3::new(v[0], v[1], v[2])).collect::<Vec<_>>();
+    let rgb = three(&frame.rgba);
+    let alpha: Vec<f32> = frame.rgba.iter().map(|v| v[3]).collect();
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        let scale = stops.exp2();
+        let bytes: Vec<u8> = rgb
+            .iter()
+            .zip(&alpha)
+            .flat_map(|(c, a)| {
+                let [r, g, b] = (*c * scale).to_array().map(color::encode_srgb8);
+                [r, g, b, (a * 255.0).round() as u8]
+            })
+            .collect();
+        return image::write_png(path, frame.width, frame.height, &bytes);
+    }
+    let position = three(&frame.position);
+    let (_, _, forward) = camera.basis();
+    let depth: Vec<f32> = position
+        .iter()
+        .zip(&alpha)
+        .map(|(p, a)| if *a > 0.0 { (*p - camera.from).dot(forward) } else { 0.0 })
+        .collect();
+    image::write_exr(
+        path,
+        &ExrLayers {
+            width: frame.width,
+            height: frame.height,
+            rgb: &rgb,
+            alpha: Some(&alpha),
+            groups: &[
+                ("albedo", ExrGroup::Color(&three(&frame.albedo))),
+                ("N", ExrGroup::Vector(&three(&frame.normal))),
+                ("Z", ExrGroup::Scalar(&depth)),
+                ("P", ExrGroup::Vector(&position)),
+            ],
+        },
+    )
+}
+
+/// Writes a report as JSON.
+pub(super) fn write_json(path: &Path, report: &impl Serialize) -> Result<()> {
+    whole::write(path, |file| {
+        serde_json::to_writer_pretty(file, report).map_err(|e| Error::file(path, format!("cannot be written: {e}")))
+    })
+}

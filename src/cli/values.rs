@@ -1,0 +1,114 @@
+//! Values of flags.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use crate::frames::{MaterialChoice, Paper};
+use crate::{Error, Result};
+
+/// `X,Y,Z` with finite numbers.
+pub(super) fn vector(text: &str) -> Result<DVec3, String> {
+    let wrong = || format!("{text:?} is not three finite numbers, X,Y,Z");
+    let numbers: Vec<f64> =
+        text.split(',').map(|part| part.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
+    match numbers[..] {
+        [x, y, z] if numbers.iter().all(|n| n.is_finite()) => Ok(DVec3::new(x, y, z)),
+        _ => Err(wrong()),
+    }
+}
+
+/// `WxH` with both at least 1.
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || format!("{text:?} is not a size, WxH with both from 1 to 32768");
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+    let parse = |side: &str| side.parse::<u32>().ok().filter(|n| (1..=32_768).contains(n)).ok_or_else(wrong);
+    Ok((parse(width)?, parse(height)?))
+}
+
+/// A finite number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0).ok_or(format!("{text:?} is not a number above 0"))
+}
+
+/// A finite number.
+pub(super) fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or(format!("{text:?} is not a finite number"))
+}
+
+/// A vertical field of view in degrees.
+pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
+    positive(text)
+        .ok()
+        .filter(|degrees| (0.1..=170.0).contains(degrees))
+        .ok_or(format!("{text:?} is not a field of view, 0.1 to 170 degrees"))
+}
+
+/// An even micro-buffer size.
+pub(super) fn microbuffer(text: &str) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|n| crate::frames::Settings::MICROBUFFER.contains(n) && n % 2 == 0)
+        .ok_or(format!("{text:?} is not an even size from 8 to 64"))
+}
+
+/// `file`, `diffuse:ALBEDO` or `metal:ALPHA`.
+pub(super) fn material(text: &str) -> Result<MaterialChoice, String> {
+    let wrong = || {
+        format!("{text:?} is no material; there are file, diffuse:ALBEDO with 0 to 1, and metal:ALPHA with 0.001 to 1")
+    };
+    let number = |value: &str, low: f32| {
+        value.parse::<f32>().ok().filter(|n| (low..=1.0).contains(n)).ok_or_else(wrong)
+    };
+    match text.split_once(':') {
+        None if text == "file" => Ok(MaterialChoice::File),
+        Some(("diffuse", albedo)) => Ok(MaterialChoice::Diffuse(number(albedo, 0.0)?)),
+        Some(("metal", alpha)) => Ok(MaterialChoice::Metal(number(alpha, 1e-3)?)),
+        _ => Err(wrong()),
+    }
+}
+
+/// Comma-separated parts of the paper's method, or `all`.
+pub(super) fn paper(text: &str) -> Result<Paper, String> {
+    let mut paper = Paper::default();
+    for part in text.split(',') {
+        match part {
+            "image" => paper.image = true,
+            "coverage" => paper.coverage = true,
+            "weights" => paper.weights = true,
+            "cut" => paper.cut = true,
+            "all" => paper = Paper::ALL,
+            other => return Err(format!("{other:?} is no part; there are image, coverage, weights, cut and all")),
+        }
+    }
+    Ok(paper)
+}
+
+/// What a file will be written to, found out before any work is done.
+pub(super) fn check_output(path: &Path, extensions: &[&str]) -> Result<()> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if !extensions.contains(&extension.as_str()) {
+        let known = extensions.iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(" or ");
+        return Err(Error::file(path, format!("cannot be written: its name must end in {known}")));
+    }
+    let folder = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    if !folder.is_dir() {
+        return Err(Error::file(path, format!("cannot be written: there is no folder {}", folder.display())));
+    }
+    if path.is_dir() {
+        return Err(Error::file(path, "cannot be written: it is a folder"));
+    }
+    // Whether the folder takes a new file is only known by trying.
+    let probe = folder.join(format!(".relume-probe-{}", std::process::id()));
+    match std::fs::File::create(&probe) {
+        Ok(_) => {
+            // The probe exists, since it was just made.
+            let _ = std::fs::remove_file(&probe);
+            Ok(())
+        }
+        Err(error) => Err(Error::file(path, format!("cannot be written: {error}"))),
+    }
+}

@@ -1,0 +1,136 @@
+//! Mipmapped and hybrid: pairs go through the geometry shader and transform feedback.
+
+use std::sync::Arc;
+
+use super::renderer::{Batch, Outcome, Region};
+use super::{FrameStats, Settings, Technique};
+use crate::Result;
+use crate::gpu::{Context, Recorder};
+use crate::passes::bin::{BatchCounters, BinPass, PreparePass};
+use crate::passes::refine::RefinePass;
+use crate::passes::traverse::{FeedbackBuffers, PAIR_BYTES, TraversePass};
+use crate::passes::{GpuHierarchy, Traversal};
+
+/// The passes and buffers of both techniques.
+pub(super) struct Feedback {
+    context: Arc<Context>,
+    traverse: TraversePass,
+    prepare: PreparePass,
+    refinement: Option<Refinement>,
+    bin: BinPass,
+    buffers: FeedbackBuffers,
+    counters: BatchCounters,
+    iterations: u32,
+    /// Pairs of the cut that a tile has had so far, for sizing batches: most, rounded up.
+    pairs_per_tile: f64,
+}
+
+/// What hybrid has beside.
+struct Refinement {
+    pass: RefinePass,
+    prepare: PreparePass,
+}
+
+/// Bytes that one pair of capacity costs: ping, pong, done, the sorted nodes, and hybrid's cut.
+pub(super) fn bytes_per_pair(technique: Technique) -> u64 {
+    3 * PAIR_BYTES + 4 + if technique == Technique::Hybrid { PAIR_BYTES } else { 0 }
+}
+
+impl Feedback {
+    pub(super) fn new(
+        context: &Arc<Context>,
+        settings: &Settings,
+        hierarchy: &GpuHierarchy,
+        capacity: u32,
+    ) -> Result<Self> {
+        let hybrid = settings.technique == Technique::Hybrid;
+        let iterations = TraversePass::iterations(hierarchy);
+        let refinement = hybrid
+            .then(|| -> Result<Refinement> {
+                Ok(Refinement {
+                    pass: RefinePass::new(context, settings.paper, capacity)?,
+                    prepare: PreparePass::new(context, hybrid, false)?,
+                })
+            })
+            .transpose()?;
+        Ok(Self {
+            context: context.clone(),
+            traverse: TraversePass::new(context, hybrid, settings.paper)?,
+            prepare: PreparePass::new(context, hybrid, true)?,
+            refinement,
+            bin: BinPass::new(context)?,
+            buffers: FeedbackBuffers::new(context, capacity, iterations)?,
+            counters: BatchCounters::new(context)?,
+            iterations,
+            pairs_per_tile: 12_000.0,
+        })
+    }
+
+    /// Tiles of the next batch.
+    pub(super) fn batch_tiles(&self) -> usize {
+        (f64::from(self.buffers.capacity) / (1.3 * self.pairs_per_tile)).max(1.0) as usize
+    }
+
+    /// The passes of a batch, in order.
+    pub(super) fn cut(
+        &mut self,
+        hierarchy: &GpuHierarchy,
+        region: &Region,
+        batch: &Batch,
+        constants: Traversal,
+        stats: &mut FrameStats,
+    ) -> Result<Outcome> {
+        let constants = Traversal { capacity: self.buffers.capacity, ..constants };
+        let bindings = region.receivers.bindings(hierarchy.bindings());
+        let BatchCounters { counts, arguments } = &self.counters;
+        let done_counter = &self.buffers.done_counter;
+
+        let mut recorder = Recorder::new(&self.context)?;
+        // No receiver has a list yet, nothing is counted.
+        region.lists.clear(&mut recorder);
+        self.counters.clear(&mut recorder);
+        // Pairs go round until none is left; those that are done come out of the second stream.
+        let queries = self.traverse.record(
+            &mut recorder,
+            &self.buffers,
+            &bindings,
+            &batch.receivers,
+            constants,
+            self.iterations,
+        )?;
+        let mut sets = vec![self.prepare.record(&mut recorder, done_counter, counts, arguments, constants)?];
+        let mut cut = &self.buffers.done;
+        if let Some(Refinement { pass, prepare }) = &self.refinement {
+            // Hybrid: what came out is refined depth first.
+            sets.push(pass.record(&mut recorder, bindings, &self.buffers.done, counts, arguments, constants)?);
+            sets.push(prepare.record(&mut recorder, done_counter, counts, arguments, constants)?);
+            cut = &pass.cut;
+        }
+        // Every receiver's nodes side by side.
+        let bin_sets = self.bin.record(&mut recorder, cut, &region.lists, counts, arguments, constants)?;
+        recorder.finish(&mut stats.profile)?;
+        drop((sets, bin_sets));
+
+        let traversed = queries.read()?;
+        let counted = self.counters.read()?;
+        if traversed.overflowed || counted.cut > self.buffers.capacity {
+            return Ok(Outcome::Overflowed);
+        }
+        if batch.receivers.iter().all(|r| r.level() == crate::passes::Receiver::TILE_LEVEL) {
+            let most = u64::from(counted.cut).max(traversed.pairs_done).max(traversed.peak_pairs) as f64;
+            self.pairs_per_tile = most / batch.receivers.len() as f64 + 1.0;
+        }
+        let name = if self.refinement.is_some() { "traverse (hybrid)" } else { "traverse (mipmapped)" };
+        stats.visited_pairs += traversed.pairs_in + u64::from(counted.visited);
+        stats.profile.count(name, "pairs_in", traversed.pairs_in);
+        stats.profile.count(name, "pairs_out", traversed.pairs_done);
+        if self.refinement.is_some() {
+            stats.profile.count("refine", "pairs_in", u64::from(counted.handed));
+            stats.profile.count("refine", "visited_pairs", u64::from(counted.visited));
+            stats.profile.count("refine", "pairs_out", u64::from(counted.cut));
+        }
+        stats.peak_feedback_bytes =
+            stats.peak_feedback_bytes.max((2 * traversed.peak_pairs + traversed.pairs_done) * PAIR_BYTES);
+        Ok(Outcome::Done)
+    }
+}

@@ -1,0 +1,152 @@
+//! A frame: one file a technique with the ordered list of its passes, and the renderer that cuts the work into pieces
+//! that fit a memory budget.
+
+mod batch;
+mod classic;
+mod feedback;
+mod plan;
+mod renderer;
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::gpu::Profile;
+pub use crate::passes::Paper;
+pub use crate::passes::convolve::MaterialChoice;
+pub use renderer::{CutPair, Renderer};
+
+/// How the cut of every pixel is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Technique {
+    /// One invocation a pixel walks the whole hierarchy (Sabbadin 2019, 5.2).
+    Classic,
+    /// Pairs of nodes and receivers of the cone mipmap, refined by geometry shader alone (5.2.1).
+    Mipmapped,
+    /// The same until nodes are small, then depth first in compute (5.2.2).
+    Hybrid,
+}
+
+impl Technique {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Classic, Self::Mipmapped, Self::Hybrid];
+
+    /// The name it has everywhere.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Classic => "classic",
+            Self::Mipmapped => "mipmapped",
+            Self::Hybrid => "hybrid",
+        }
+    }
+}
+
+impl fmt::Display for Technique {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Technique {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|t| t.name() == text)
+            .ok_or_else(|| format!("{text:?} is no technique; there are classic, mipmapped and hybrid"))
+    }
+}
+
+/// Everything that a frame depends on besides scene and camera.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// How cuts are found.
+    pub technique: Technique,
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Micro-pixels along a side: even, 8 to 64.
+    pub microbuffer: u32,
+    /// The paper's own ways.
+    pub paper: Paper,
+    /// What the object is made of.
+    pub material: MaterialChoice,
+    /// A node is rasterised when its solid angle is at most this many times a micro-pixel's (5.3: 4).
+    pub stop: f64,
+    /// Hybrid leaves the geometry shader at this many times a micro-pixel's solid angle (5.2.2: 32).
+    pub switch: f64,
+    /// Most bytes of device objects at once.
+    pub memory_budget: u64,
+    /// Pairs that a feedback buffer holds; chosen from the budget where `None`.
+    pub pair_capacity: Option<u32>,
+}
+
+impl Settings {
+    /// Smallest and largest micro-buffer.
+    pub const MICROBUFFER: std::ops::RangeInclusive<u32> = 8..=64;
+    /// Default memory budget, bytes.
+    pub const DEFAULT_BUDGET: u64 = 512 << 20;
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            technique: Technique::Hybrid,
+            width: 512,
+            height: 512,
+            microbuffer: 24,
+            paper: Paper::default(),
+            material: MaterialChoice::File,
+            stop: 4.0,
+            switch: 32.0,
+            memory_budget: Self::DEFAULT_BUDGET,
+            pair_capacity: None,
+        }
+    }
+}
+
+/// A finished image, row by row from the top.
+#[derive(Clone, Debug, Default)]
+pub struct Frame {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Linear radiance; alpha is 1 on the object and 0 elsewhere.
+    pub rgba: Vec<[f32; 4]>,
+    /// World position, w as alpha.
+    pub position: Vec<[f32; 4]>,
+    /// World normal.
+    pub normal: Vec<[f32; 4]>,
+    /// Base colour and metallic.
+    pub albedo: Vec<[f32; 4]>,
+    /// What it took.
+    pub stats: FrameStats,
+}
+
+/// What a frame took and did.
+#[derive(Clone, Debug, Default)]
+pub struct FrameStats {
+    /// Pixels that show the object.
+    pub covered_pixels: u64,
+    /// Times and counts by pass.
+    pub profile: Profile,
+    /// [node, receiver] pairs looked at, in the geometry shader or in compute.
+    pub visited_pairs: u64,
+    /// [node, pixel] pairs rasterised.
+    pub rasterised_nodes: u64,
+    /// Batches of tiles that the traversal ran in.
+    pub batches: u64,
+    /// Batches that overflowed, were split and run again.
+    pub splits: u64,
+    /// Most bytes in transform feedback pairs at once.
+    pub peak_feedback_bytes: u64,
+    /// Bytes of micro-buffers alive at once.
+    pub microbuffer_bytes: u64,
+    /// Most bytes of device objects alive at once.
+    pub device_bytes_peak: u64,
+    /// Wall time from G-buffer to image, milliseconds.
+    pub wall_ms: f64,
+}
