@@ -33,12 +33,18 @@ pub fn read(path: &Path) -> Result<Cloud> {
     }
     let too_short =
         |held: u64| Error::file(path, format!("is cut short: its header promises {promised} points, it holds {held}"));
-    if !format.is_compressed && promised > held / u64::from(format.len()) {
-        return Err(too_short(held / u64::from(format.len())));
+    if !format.is_compressed {
+        let before = header.clone().into_raw().map_err(bad)?.offset_to_point_data;
+        let most = held.saturating_sub(before.into()) / u64::from(format.len());
+        if promised > most {
+            return Err(too_short(most));
+        }
     }
     let (mut positions, mut codes) = (Vec::new(), Vec::new());
     while (positions.len() as u64) < promised {
-        let batch = reader.read_points(BATCH.min(promised - positions.len() as u64)).map_err(bad)?;
+        let batch = reader
+            .read_points(BATCH.min(promised - positions.len() as u64))
+            .map_err(|e| Error::file(path, format!("is damaged or cut short among its {promised} points: {e}")))?;
         let before = positions.len();
         positions.extend(batch.x().zip(batch.y()).zip(batch.z()).map(|((x, y), z)| DVec3::new(x, y, z)));
         codes.extend(batch.rgb().into_iter().flatten());

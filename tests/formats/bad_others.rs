@@ -162,7 +162,7 @@ fn panoramas() {
     // A display window that no data backs.
     let channels = SpecificChannels::rgb(|_: Vec2<usize>| (1f32, 2f32, 3f32));
     let layer = Layer::new((4, 3), LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
-    let window = IntegerBounds::new((0, 0), (1 << 30, 1 << 30));
+    let window = IntegerBounds::new((0, 0), (1 << 29, 1 << 29));
     Image::new(ImageAttributes::new(window), layer).write().to_file(&path).unwrap();
-    assert_says(&problem(read_rgba_exr(&path), &path), &["1073741824x1073741824"]);
+    assert_says(&problem(read_rgba_exr(&path), &path), &["536870912x536870912"]);
 }

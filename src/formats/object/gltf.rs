@@ -13,7 +13,7 @@ use gltf::{Document, Gltf, Semantic, buffer, image};
 use rayon::prelude::*;
 
 use super::{Piece, assemble, texture};
-use crate::formats::read_bytes;
+use crate::formats::{excerpt, read_bytes};
 use crate::scene::{Material, Object, Texture, TextureRef};
 use crate::{Error, Result};
 
@@ -52,7 +52,7 @@ pub(super) fn read(path: &Path) -> Result<Object> {
 
 /// Bytes behind a URI: a file beside `path`, or data in base64.
 fn fetch(path: &Path, uri: &str) -> Result<Vec<u8>> {
-    let shown: String = uri.chars().take(60).collect();
+    let shown = excerpt(uri);
     let bad = |e: String| Error::file(path, format!("refers to '{shown}', which cannot be read: {e}"));
     if !is_decodable(uri) {
         return Err(bad("its %-escapes make no valid name".into()));
