@@ -26,3 +26,8 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
+
+/// The beginning of a line of the file, fit for a message: whatever is not printable is a question mark.
+fn excerpt(line: &str) -> String {
+    line.trim().chars().take(60).map(|c| if c.is_control() { '?' } else { c }).collect()
+}

@@ -8,8 +8,8 @@ use glam::DVec3;
 use pcd_rs::{DataKind, PcdMeta, ValueKind, ViewPoint};
 
 use super::points::Points;
-use super::read_bytes;
 use super::table::{Field, Kind, Table};
+use super::{excerpt, read_bytes};
 use crate::scene::Cloud;
 use crate::{Error, Result};
 
@@ -177,10 +177,9 @@ fn read_ascii<'a>(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table<'a>>
         for field in &meta.field_defs {
             let kind = kind_of(field.kind);
             for _ in 0..field.count {
-                let number = words
-                    .next()
-                    .and_then(|word| kind.parse(word))
-                    .ok_or_else(|| Error::file(path, format!("point {} is not understood: '{line:.80}'", row + 1)))?;
+                let number = words.next().and_then(|word| kind.parse(word)).ok_or_else(|| {
+                    Error::file(path, format!("point {} is not understood: '{}'", row + 1, excerpt(line)))
+                })?;
                 bytes.extend_from_slice(&number.to_le_bytes()[..kind.size()]);
             }
         }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::points::Points;
 use super::table::{Field, Kind, Table, bits};
-use super::{read_bytes, whole};
+use super::{excerpt, read_bytes, whole};
 use crate::scene::Cloud;
 use crate::{Error, Result};
 
@@ -136,7 +136,7 @@ fn parse_header<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Header, &'a [u8])> 
         let line = String::from_utf8_lossy(&rest[..end]);
         rest = &rest[end + 1..];
         let words: Vec<&str> = line.split_whitespace().collect();
-        let bad = || Error::file(path, format!("header line {number} is not understood: '{:.80}'", line.trim()));
+        let bad = || Error::file(path, format!("header line {number} is not understood: '{}'", excerpt(&line)));
         match words[..] {
             ["ply"] if number == 1 => {}
             _ if number == 1 => return Err(Error::file(path, "is not a PLY file: it does not start with 'ply'")),
@@ -262,7 +262,8 @@ impl Element {
                 continue;
             }
             let bad = || {
-                Error::file(path, format!("row {} of element '{}' is not understood: '{line:.80}'", row + 1, self.name))
+                let (row, name, line) = (row + 1, &self.name, excerpt(line));
+                Error::file(path, format!("row {row} of element '{name}' is not understood: '{line}'"))
             };
             let mut number = |kind: Kind| words.next().and_then(|word| kind.parse(word)).ok_or_else(bad);
             for property in &self.properties {

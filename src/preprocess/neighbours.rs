@@ -97,6 +97,8 @@ pub(super) fn map<T: Copy + Default + Send + Sync>(
                     offsets.push(Vec3::from(distinct[near.item as usize]).as_dvec3() - position.as_dvec3());
                 }
             }
+            // Rounding may have put another position where this one is, and left it out of its own neighbours.
+            offsets.truncate(k.max(1));
             f(&Neighbourhood { position, copies: run.len() as u32, offsets })
         })
         .collect();

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 use glam::{DVec3, Vec3};
 use pcd_rs::{DataKind, DynRecord, DynWriter, Field, Schema, ValueKind, ViewPoint, WriterInit};
@@ -10,7 +11,7 @@ use relume::formats::color::{decode_srgb, decode_srgb8, encode_srgb, encode_srgb
 use relume::formats::{las, pcd, ply};
 use relume::scene::Cloud;
 
-use crate::{Random, put, temp};
+use crate::{Random, assert_says, put, temp};
 
 #[test]
 fn srgb_round_trip() {
@@ -170,13 +171,34 @@ fn ply_passes_over_lists_and_other_elements() {
     }
 }
 
+/// What was logged.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl std::io::Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
 #[test]
 fn invalid_points_are_dropped_and_negative_colours_clamped() {
     let dir = temp();
     let text = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n\
         property float red\nproperty float green\nproperty float blue\nend_header\n\
         0 0 0 -1 2 3\nnan 0 0 1 1 1\n0 -inf 0 1 1 1\n0 0 0 1 NaN 1\n1e30 0 0 1 1 1\n1 1 1 5 5 5\n";
-    let cloud = ply::read_cloud(&put(&dir, "cloud.ply", text)).unwrap();
+    let path = put(&dir, "cloud.ply", text);
+    let log = Log::default();
+    let writer = log.clone();
+    let subscriber = tracing_subscriber::fmt().with_writer(move || writer.clone()).finish();
+    let cloud = tracing::subscriber::with_default(subscriber, || ply::read_cloud(&path)).unwrap();
+    let text = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
+    assert_says(&text, &["WARN", "cloud.ply: dropped 4 of 6 points"]);
     assert_eq!(cloud.positions, [Vec3::ZERO, Vec3::ONE]);
     assert_eq!(cloud.colors, [Vec3::new(0.0, 2.0, 3.0), Vec3::splat(5.0)]);
 }

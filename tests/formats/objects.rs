@@ -304,6 +304,12 @@ fn ply_meshes() {
     assert_eq!(object.materials, [Material::default()]);
     let (lo, hi) = object.bounds();
     assert_eq!((lo, hi), (Vec3::splat(-1.0), Vec3::ONE));
+    // Two sides of a leaf keep their own normals, and a seam has one.
+    let [a, b, c, d] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0]];
+    let leaf = load(&put(&dir, "leaf.ply", ply_mesh(&[a, b, c, a, b, c], &[&[0, 1, 2], &[3, 5, 4]]))).unwrap();
+    assert_eq!(leaf.vertices.iter().map(|v| v.normal.z).collect::<Vec<_>>(), [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]);
+    let seam = load(&put(&dir, "seam.ply", ply_mesh(&[a, b, c, b, d, c], &[&[0, 1, 2], &[3, 4, 5]]))).unwrap();
+    assert_eq!((seam.vertices[1].normal, seam.vertices[2].normal), (seam.vertices[3].normal, seam.vertices[5].normal));
     // Big-endian, u16 counts, unsigned indices by their other name, normals from the file.
     let mut bytes = b"ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty double z\nproperty float x\n\
         property float y\nproperty float nx\nproperty float ny\nproperty float nz\n\

@@ -61,7 +61,7 @@ fn toyroom_area_and_normals() {
     // Fitted normals against the file's, up to their side: the room is flat but for its edges.
     let fitted = normals::estimate(&hdr.positions, 16, Vec3::Y).unwrap();
     let close = fitted.iter().zip(&hdr.normals).filter(|(a, b)| a.dot(**b).abs() > 0.999).count();
-    assert!(close > 285_000, "{close}");
+    assert!(close > 280_000, "{close}");
     let written = tempfile::TempDir::new().unwrap();
     let path = written.path().join("room.ply");
     ply::write_cloud(&path, &hdr).unwrap();
@@ -96,7 +96,6 @@ fn panoramas() {
         }
     }
     assert_eq!(count, 12);
-    // The panorama's lamp is overhead, and its mean is that of the room.
     let room = image::read_far_field(&folder.join("reference/toyroom/panorama.exr")).unwrap();
     assert_eq!((room.width, room.height), (1024, 512));
 }

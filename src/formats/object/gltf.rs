@@ -13,15 +13,14 @@ use gltf::{Document, Gltf, Semantic, buffer, image};
 use rayon::prelude::*;
 
 use super::{Piece, assemble, texture};
-use crate::formats::read_bytes;
+use crate::formats::{excerpt, read_bytes};
 use crate::scene::{Material, Object, Texture, TextureRef};
 use crate::{Error, Result};
 
 /// Reads the default scene, or the first one, or (in a file without scenes) all nodes.
 pub(super) fn read(path: &Path) -> Result<Object> {
     let bytes = read_bytes(path)?;
-    let Gltf { document, mut blob } =
-        Gltf::from_slice(&bytes).map_err(|e| Error::file(path, format!("is not a readable glTF file: {e}")))?;
+    let (document, mut blob) = parse(path, &bytes)?;
     let mut buffers = Vec::new();
     for buffer in document.buffers() {
         let data = match buffer.source() {
@@ -50,9 +49,24 @@ pub(super) fn read(path: &Path) -> Result<Object> {
     assemble(path, pieces, materials, textures)
 }
 
+/// The validated document and the binary chunk of a .glb.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
+    let bad = |e: gltf::Error| Error::file(path, format!("is not a readable glTF file: {e}"));
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(bad)?;
+    let root = document.into_json();
+    // Validation itself looks positions up without asking whether they exist.
+    let mut attributes = root.meshes.iter().flat_map(|m| &m.primitives).flat_map(|p| p.attributes.values());
+    if let Some(index) = attributes.find(|index| index.value() >= root.accessors.len()) {
+        let problem =
+            format!("has a mesh with accessor {}, but only {} accessors", index.value(), root.accessors.len());
+        return Err(Error::file(path, problem));
+    }
+    Ok((Document::from_json(root).map_err(bad)?, blob))
+}
+
 /// Bytes behind a URI: a file beside `path`, or data in base64.
 fn fetch(path: &Path, uri: &str) -> Result<Vec<u8>> {
-    let shown: String = uri.chars().take(60).collect();
+    let shown = excerpt(uri);
     let bad = |e: String| Error::file(path, format!("refers to '{shown}', which cannot be read: {e}"));
     if !is_decodable(uri) {
         return Err(bad("its %-escapes make no valid name".into()));

@@ -16,13 +16,7 @@ use crate::{Error, Result};
 pub(super) fn read(path: &Path) -> Result<Object> {
     let bytes = read_bytes(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let options = LoadOptions {
-        triangulate: true,
-        single_index: true,
-        ignore_points: true,
-        ignore_lines: true,
-        ..LoadOptions::default()
-    };
+    let options = LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let open_mtl = |name: &Path| {
         let file =
             std::fs::File::open(folder.join(unix(&name.to_string_lossy()))).map_err(|_| LoadError::OpenFileFailed)?;

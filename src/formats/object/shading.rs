@@ -9,7 +9,8 @@ use super::Piece;
 /// Unitises the normals of a piece and gives smooth ones to vertices that have none (or unusable ones): the mean over
 /// the triangles around a position, weighted by their angle there (Thürmer and Wüthrich, "Computing Vertex Normals
 /// from Polygonal Facets", 1998), which does not depend on how a face was cut into triangles. Vertices at the same
-/// position share the sum, so that texture seams do not show in the shading.
+/// position share the sum, so that texture seams do not show in the shading; but the two sides of a leaf, back to
+/// back, do not.
 pub(super) fn complete_normals(piece: &mut Piece) {
     piece.normals.resize(piece.positions.len(), Vec3::ZERO);
     for normal in &mut piece.normals {
@@ -20,19 +21,25 @@ pub(super) fn complete_normals(piece: &mut Piece) {
     }
     // Adding zero makes -0.0 and 0.0 the same key.
     let key = |index: u32| (piece.positions[index as usize] + Vec3::ZERO).to_array().map(f32::to_bits);
-    let mut sums: HashMap<[u32; 3], DVec3> = HashMap::new();
+    let mut shared: HashMap<[u32; 3], DVec3> = HashMap::new();
+    let mut own = vec![DVec3::ZERO; piece.positions.len()];
     for triangle in piece.indices.chunks_exact(3) {
         let [a, b, c] = [0, 1, 2].map(|corner| piece.positions[triangle[corner] as usize].as_dvec3());
         let normal = (b - a).cross(c - a).normalize_or_zero();
         for (corner, (here, next, last)) in [(a, b, c), (b, c, a), (c, a, b)].into_iter().enumerate() {
             let angle = (next - here).angle_between(last - here);
-            *sums.entry(key(triangle[corner])).or_default() += if angle.is_finite() { angle } else { 0.0 } * normal;
+            let weighted = if angle.is_finite() { angle } else { 0.0 } * normal;
+            *shared.entry(key(triangle[corner])).or_default() += weighted;
+            own[triangle[corner] as usize] += weighted;
         }
     }
     for index in 0..piece.positions.len() {
         if piece.normals[index] == Vec3::ZERO {
-            // Y where opposite sides cancel out and for vertices that no triangle uses.
-            let sum = sums.get(&key(index as u32)).copied().unwrap_or_default();
+            let shared = shared.get(&key(index as u32)).copied().unwrap_or_default();
+            // Rounding leaves a little of what cancels out, hence not just the sign.
+            let agrees = shared.dot(own[index]) > 1e-6 * own[index].length_squared();
+            let sum = if agrees { shared } else { own[index] };
+            // Y for vertices that no triangle uses.
             piece.normals[index] = sum.normalize_or(DVec3::Y).as_vec3().normalize_or(Vec3::Y);
         }
     }
