@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use shaderc::{CompileOptions, Compiler, EnvVersion, IncludeType, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv};
+use shaderc::{CompileOptions, Compiler, EnvVersion, IncludeType, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv};
 
 fn main() {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR")).join("glsl");
@@ -73,6 +73,8 @@ fn compile(compiler: &Compiler, root: &Path, file: &Path, kind: ShaderKind) -> R
     options.set_target_spirv(SpirvVersion::V1_5);
     // Names and lines stay, for captures and for binding buffers by name.
     options.set_generate_debug_info();
+    // Also drops what an included file declares and the entry point does not use.
+    options.set_optimization_level(OptimizationLevel::Performance);
     options.set_warnings_as_errors();
     options.set_include_callback(|requested, _kind: IncludeType, _from, _depth| {
         let path = root.join(requested);

@@ -208,6 +208,9 @@ impl Layout {
     }
 
     pub(crate) fn push<T: bytemuck::NoUninit>(&self, commands: vk::CommandBuffer, constants: &T) {
+        if self.push_size == 0 {
+            return;
+        }
         let bytes = bytemuck::bytes_of(constants);
         debug_assert!(bytes.len() as u32 >= self.push_size, "push constants are smaller than the shader's block");
         let bytes = &bytes[..bytes.len().min(self.push_size as usize)];

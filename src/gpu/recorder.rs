@@ -95,13 +95,13 @@ impl Recorder {
             let begin =
                 vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             device.begin_command_buffer(recorder.commands, &begin).map_err(vulkan("vkBeginCommandBuffer"))?;
-            // Three a pass: begin, end and one more, because some drivers settle an end only with the next one.
+            // A begin and an end a pass.
             let create = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::TIMESTAMP)
-                .query_count(3 * MAX_PASSES);
+                .query_count(2 * MAX_PASSES);
             recorder.timestamps =
                 device.create_query_pool(&create, None).map_err(vulkan("vkCreateQueryPool"))?;
-            device.cmd_reset_query_pool(recorder.commands, recorder.timestamps, 0, 3 * MAX_PASSES);
+            device.cmd_reset_query_pool(recorder.commands, recorder.timestamps, 0, 2 * MAX_PASSES);
             Ok(recorder)
         }
     }
@@ -114,23 +114,41 @@ impl Recorder {
     /// Records a pass: label, timestamps, and what `record` adds.
     pub fn pass<T>(&mut self, name: &'static str, record: impl FnOnce(&ash::Device, vk::CommandBuffer) -> T) -> T {
         let device = &self.context.device;
-        let first = 3 * self.passes.len() as u32;
-        let timed = first + 2 < 3 * MAX_PASSES;
+        let first = 2 * self.passes.len() as u32;
+        let timed = first + 1 < 2 * MAX_PASSES;
         self.context.begin_label(self.commands, name);
         let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
-        // SAFETY: the command buffer is recording and the queries were reset at its start.
+        let stamp = |query| {
+            if timed {
+                // SAFETY: the command buffer is recording and the queries were reset at its start.
+                unsafe { device.cmd_write_timestamp(self.commands, stage, self.timestamps, query) };
+                self.settle();
+            }
+        };
+        stamp(first);
+        let result = record(device, self.commands);
+        self.settle();
+        stamp(first + 1);
+        if timed {
+            self.passes.push(name);
+        }
+        self.context.end_label(self.commands);
+        result
+    }
+
+    /// Software devices take a timestamp when their queue next drains, which may be passes later: a full barrier drains
+    /// it. Others order timestamps by stage.
+    fn settle(&self) {
+        if self.context.capabilities.kind != vk::PhysicalDeviceType::CPU {
+            return;
+        }
+        let everything = vk::PipelineStageFlags::ALL_COMMANDS;
+        let memory = vk::MemoryBarrier::default();
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: the command buffer is recording outside a rendering instance.
         unsafe {
-            if timed {
-                device.cmd_write_timestamp(self.commands, stage, self.timestamps, first);
-            }
-            let result = record(device, self.commands);
-            if timed {
-                device.cmd_write_timestamp(self.commands, stage, self.timestamps, first + 1);
-                device.cmd_write_timestamp(self.commands, stage, self.timestamps, first + 2);
-                self.passes.push(name);
-            }
-            self.context.end_label(self.commands);
-            result
+            let device = &self.context.device;
+            device.cmd_pipeline_barrier(self.commands, everything, everything, none, &[memory], &[], &[]);
         }
     }
 
@@ -148,7 +166,7 @@ impl Recorder {
         if self.passes.is_empty() {
             return Ok(());
         }
-        let mut times = vec![0_u64; 3 * self.passes.len()];
+        let mut times = vec![0_u64; 2 * self.passes.len()];
         // SAFETY: every query asked for was written in the submission that was waited for.
         unsafe {
             self.context
@@ -161,7 +179,7 @@ impl Recorder {
                 )
                 .map_err(vulkan("vkGetQueryPoolResults"))?;
         }
-        for (name, stamps) in self.passes.iter().zip(times.chunks_exact(3)) {
+        for (name, stamps) in self.passes.iter().zip(times.chunks_exact(2)) {
             let ticks = stamps[1].wrapping_sub(stamps[0]) & self.context.timestamp_mask;
             let pass = profile.passes.entry(name).or_default();
             pass.gpu_ms += ticks as f64 * f64::from(self.context.timestamp_period) * 1e-6;

@@ -1,0 +1,104 @@
+//! Scenes and helpers that several tests share; all data is generated here.
+#![allow(dead_code, reason = "every test binary uses a part")]
+
+use std::sync::Arc;
+
+use glam::{Vec3, vec3};
+use relume::frames::Settings;
+use relume::gpu::{Context, ContextOptions};
+use relume::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
+use relume::reference::shapes;
+use relume::scene::{Cloud, Object};
+
+/// A device with the validation layer, which must stay silent.
+pub struct Device(pub Arc<Context>);
+
+impl Device {
+    pub fn new() -> Self {
+        Self(Context::new(&ContextOptions { device: None, validation: true }).expect("a device with validation"))
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        let messages = self.0.validation.messages();
+        if !std::thread::panicking() {
+            assert!(messages.is_empty(), "validation: {messages:#?}");
+        }
+    }
+}
+
+/// Numbers from 0 to 1, the same in every run (Steele et al. 2014, SplitMix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1_u64 << 24) as f32
+    }
+
+    pub fn vector(&mut self) -> Vec3 {
+        vec3(self.next(), self.next(), self.next())
+    }
+}
+
+/// Points spread evenly over the inside of a box of the given half extents around the origin, about `count` of them.
+pub fn box_cloud(half: Vec3, count: usize, color: impl Fn(Vec3, Vec3) -> Vec3) -> Cloud {
+    let area = 8.0 * (half.x * half.y + half.y * half.z + half.z * half.x);
+    let spacing = (area / count as f32).sqrt();
+    let mut cloud = Cloud::default();
+    for axis in 0..3 {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let columns = (2.0 * half[u] / spacing).round().max(1.0) as usize;
+        let rows = (2.0 * half[v] / spacing).round().max(1.0) as usize;
+        let cell = (2.0 * half[u] / columns as f32) * (2.0 * half[v] / rows as f32);
+        for side in [-1.0, 1.0] {
+            for i in 0..columns * rows {
+                let mut p = Vec3::ZERO;
+                p[axis] = side * half[axis];
+                p[u] = half[u] * (2.0 * ((i % columns) as f32 + 0.5) / columns as f32 - 1.0);
+                p[v] = half[v] * (2.0 * ((i / columns) as f32 + 0.5) / rows as f32 - 1.0);
+                let mut n = Vec3::ZERO;
+                n[axis] = -side;
+                cloud.positions.push(p);
+                cloud.normals.push(n);
+                cloud.colors.push(color(p, n));
+                cloud.spacing.push(cell.sqrt());
+            }
+        }
+    }
+    cloud
+}
+
+/// Points, normals, colours and spacings with no order at all, inside a ball with a hole in the middle.
+pub fn random_cloud(count: usize, seed: u64) -> Cloud {
+    let mut random = Random(seed);
+    let mut cloud = Cloud::default();
+    while cloud.len() < count {
+        let p = random.vector() * 4.0 - 2.0;
+        if !(0.6..2.0).contains(&p.length()) {
+            continue;
+        }
+        cloud.positions.push(p);
+        cloud.normals.push((random.vector() * 2.0 - 1.0 - 0.5 * p).normalize_or(Vec3::Y));
+        cloud.colors.push(random.vector() * (1.0 + 20.0 * random.next().powi(8)));
+        cloud.spacing.push(0.01 + 0.05 * random.next());
+    }
+    cloud
+}
+
+pub fn build(cloud: &Cloud) -> Hierarchy {
+    hierarchy::build(cloud, &BuildOptions::default()).expect("a cloud that builds").0
+}
+
+pub fn ball(radius: f32) -> Object {
+    shapes::sphere(radius, 5)
+}
+
+/// Small and quick.
+pub fn settings() -> Settings {
+    Settings { width: 48, height: 40, microbuffer: 16, memory_budget: 256 << 20, ..Settings::default() }
+}
