@@ -99,6 +99,9 @@ fn gltf_files() {
     assert_says(&refused_gltf(|d| d["extensionsRequired"] = json!(["KHR_draco_mesh_compression"])), &["glTF"]);
     assert_says(&refused_gltf(|d| d["bufferViews"][3]["byteLength"] = json!(999_999)), &["image 0", "beyond"]);
     assert_says(&refused_gltf(|d| d["bufferViews"][3]["byteLength"] = json!(20)), &["image 0", "not a readable image"]);
+    for source in [json!({}), json!({"mimeType": "image/png"}), json!({"bufferView": 3})] {
+        assert_says(&refused_gltf(|d| d["images"] = json!([source])), &["image 0 without uri"]);
+    }
     assert_says(&refused_gltf(|d| d["images"] = json!([{"uri": "gone.png"}])), &["'gone.png'", "cannot be read"]);
 }
 

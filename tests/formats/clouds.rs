@@ -258,7 +258,6 @@ fn packed(rgb: [u8; 3]) -> u32 {
     u32::from_be_bytes([255, rgb[0], rgb[1], rgb[2]])
 }
 
-#[expect(clippy::too_many_arguments, reason = "one call a case reads best")]
 fn pcd_file(
     path: &Path,
     data_kind: DataKind,

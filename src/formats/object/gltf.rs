@@ -54,12 +54,19 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>)> {
     let bad = |e: gltf::Error| Error::file(path, format!("is not a readable glTF file: {e}"));
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(bad)?;
     let root = document.into_json();
-    // Validation itself looks positions up without asking whether they exist.
+    // Validation looks positions up without asking whether they exist, and leaves these images to panic later.
     let mut attributes = root.meshes.iter().flat_map(|m| &m.primitives).flat_map(|p| p.attributes.values());
     if let Some(index) = attributes.find(|index| index.value() >= root.accessors.len()) {
         let problem =
             format!("has a mesh with accessor {}, but only {} accessors", index.value(), root.accessors.len());
         return Err(Error::file(path, problem));
+    }
+    let sourceless = |i: &gltf::json::Image| i.uri.is_none() && (i.buffer_view.is_none() || i.mime_type.is_none());
+    if let Some(index) = root.images.iter().position(sourceless) {
+        return Err(Error::file(
+            path,
+            format!("has an image {index} without uri, and without bufferView and mimeType"),
+        ));
     }
     Ok((Document::from_json(root).map_err(bad)?, blob))
 }

@@ -1,4 +1,4 @@
-//! Objects, whatever their format: each reader makes [`Piece`]s, which [`assemble`] checks and completes.
+//! Objects, whatever their format: each reader makes pieces, which are then checked and completed alike.
 
 mod gltf;
 mod obj;

@@ -33,12 +33,11 @@ pub(super) fn complete_normals(piece: &mut Piece) {
             own[triangle[corner] as usize] += weighted;
         }
     }
-    for index in 0..piece.positions.len() {
+    for (index, own) in own.into_iter().enumerate() {
         if piece.normals[index] == Vec3::ZERO {
             let shared = shared.get(&key(index as u32)).copied().unwrap_or_default();
             // Rounding leaves a little of what cancels out, hence not just the sign.
-            let agrees = shared.dot(own[index]) > 1e-6 * own[index].length_squared();
-            let sum = if agrees { shared } else { own[index] };
+            let sum = if shared.dot(own) > 1e-6 * own.length_squared() { shared } else { own };
             // Y for vertices that no triangle uses.
             piece.normals[index] = sum.normalize_or(DVec3::Y).as_vec3().normalize_or(Vec3::Y);
         }
