@@ -152,7 +152,7 @@ fn baked_light_agrees_with_the_path_tracer() {
         if luminance(baked) < 2.0 {
             baked_sum += baked;
             traced_sum += traced;
-            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.06);
+            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.1);
         }
     }
     assert!((baked_sum / traced_sum - 1.0).abs().max_element() < 0.02, "{baked_sum} and {traced_sum}");
