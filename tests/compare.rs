@@ -196,6 +196,18 @@ fn plots_are_svg_with_axes_and_legend() {
             assert!(svg.contains(word), "{word} is missing");
         }
     }
+    plot(true, vec![(2.0, 3.0), (4.0, 8.0)]).write(&path).expect("drawn");
+    let svg = std::fs::read_to_string(&path).expect("written");
+    let ticks = svg.lines().filter(|line| ["1", "2", "10"].contains(&line.trim())).count();
+    assert!(ticks >= 3, "a range without a power of ten has ticks too");
+    for extreme in [1e-90, 1e-30, 1e16, 1e99] {
+        plot(true, vec![(extreme, extreme)]).write(&path).expect("drawn");
+        plot(false, vec![(extreme, -extreme), (extreme * (1.0 + 3e-16), 1.0)]).write(&path).expect("drawn");
+        let alone = plot(false, vec![(extreme, extreme), (extreme * (1.0 + 3e-16), extreme)]);
+        Plot { series: vec![alone.series[0].clone()], ..alone }.write(&path).expect("drawn");
+    }
+    assert!(plot(true, vec![(1e-310, 1.0)]).write(&path).is_err());
+    assert!(plot(false, vec![(1e308, 1.0)]).write(&path).is_err());
     let old = std::fs::read(&path).expect("written");
     assert!(plot(true, vec![(0.0, 1.0)]).write(&path).is_err(), "no logarithm of 0");
     assert!(plot(false, vec![(f64::NAN, 1.0)]).write(&path).is_err());

@@ -12,6 +12,8 @@ use crate::formats::whole;
 use crate::{Error, Result};
 
 const SIZE: (u32, u32) = (900, 560);
+/// Ticks are computed in f64: nothing beyond this, or on a logarithmic axis below its inverse, can be drawn.
+const LARGEST: f64 = 1e100;
 const FONT: &str = "sans-serif";
 /// Colours for eight curves that colour-blind people tell apart (Okabe and Ito 2008), then around again.
 const COLORS: [RGBColor; 8] = [
@@ -57,8 +59,8 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// Writes an SVG of 900x560. [`Error::Argument`] when there is nothing to draw, a value is not finite, or not above
-    /// 0 on a logarithmic axis; [`Error::File`] when `path` cannot be written.
+    /// Writes an SVG of 900x560. [`Error::Argument`] when there is nothing to draw, a value is not finite or beyond 1e100,
+    /// or not above 0 on a logarithmic axis; [`Error::File`] when `path` cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let svg = self.svg()?;
         let failed = |e| Error::file(path, format!("cannot be written: {e}"));
@@ -80,7 +82,8 @@ impl Plot {
     fn range(&self, axis: &Axis, value: fn(&(f64, f64)) -> f64) -> Result<Range<f64>> {
         let refuse = |problem: String| Err(Error::Argument(format!("plot \"{}\": {problem}", self.title)));
         let values = || self.series.iter().flat_map(|series| &series.points).map(value);
-        if let Some(bad) = values().find(|v| !v.is_finite() || (axis.logarithmic && *v <= 0.0)) {
+        let drawable = |v: f64| v.abs() <= LARGEST && (!axis.logarithmic || v >= 1.0 / LARGEST);
+        if let Some(bad) = values().find(|&v| !drawable(v)) {
             return refuse(format!("{bad} cannot be drawn on \"{}\"", axis.title));
         }
         let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -88,9 +91,12 @@ impl Plot {
             return refuse("no points".into());
         }
         if axis.logarithmic {
-            return Ok(low / 1.25..high * 1.25);
+            // ticks start at a power of ten: a range that held none would have none; a little lower for rounding
+            return Ok(0.9999 * 10.0_f64.powf(low.log10().floor())..high * 1.25);
         }
-        let air = if high > low { 0.04 * (high - low) } else { 0.5 * high.abs().max(1.0) };
+        // ticks need steps that still change the numbers that they are added to
+        let (length, size) = (high - low, high.abs().max(low.abs()));
+        let air = if length > 1e-9 * size.max(1.0 / LARGEST) { 0.04 * length } else { 0.5 * size.max(1e-3) };
         // an axis of magnitudes keeps its zero
         Ok(if low >= 0.0 && low < 0.3 * high { 0.0 } else { low - air }..high + air)
     }
