@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec3};
 use image::{Rgba, RgbaImage};
 
-use super::{Image, encode, luminance, masked, text};
+use super::{Image, encode, luminance, masked, mean_luminance, text};
 use crate::{Error, Result};
 
 const BACKGROUND: Rgba<u8> = Rgba([40, 40, 40, 255]);
@@ -15,16 +15,13 @@ const MARGIN: u32 = 8;
 const LEAST_HEIGHT: u32 = 96;
 
 /// A map of (luminance A - luminance B) / mean luminance of B over A's mask: blue where A is too dark, white where they
-/// agree, red where A is too bright, dark grey outside of the mask; a bar on the right gives the numbers. `range` is the
-/// difference at which colours end; None takes the 99th percentile, rounded up to 1, 2 or 5 times a power of ten.
+/// agree, red where A is too bright, dark grey outside of the mask; a bar on the right gives the numbers. `range` is
+/// the difference at which colours end; None takes the 99th percentile, rounded up to 1, 2 or 5 times a power of ten.
 ///
 /// Errors as [`super::compare`], and [`Error::Argument`] for a range that is not above 0.
 pub fn difference_map(a: &Image, b: &Image, range: Option<f32>) -> Result<RgbaImage> {
     let mask = masked(a, b)?;
-    let mean = mask.iter().map(|&n| f64::from(luminance(b.rgb[n]))).sum::<f64>() / mask.len() as f64;
-    if mean <= 0.0 {
-        return Err(Error::Argument("B is black inside of A's mask: no error can be relative to it".into()));
-    }
+    let mean = mean_luminance(b, &mask)?;
     let difference = |n: usize| (f64::from(luminance(a.rgb[n]) - luminance(b.rgb[n])) / mean) as f32;
     let range = match range {
         Some(range) if range > 0.0 && range.is_finite() => range,

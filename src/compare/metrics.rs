@@ -4,8 +4,8 @@ use glam::Vec3;
 use nv_flip::FlipImageRgb8;
 
 use super::ssim::ssim;
-use super::{Image, encode, luminance, masked, srgb_encode};
-use crate::{Error, Result};
+use super::{Image, encode, luminance, masked, mean_luminance, srgb_encode};
+use crate::Result;
 
 /// Where the mean luminance of the truth is put before SSIM and FLIP clamp and encode.
 const MIDDLE: f64 = 0.25;
@@ -33,22 +33,18 @@ pub struct Metrics {
 /// one exposure, which brings the mean luminance of B to 0.25, and are clamped and sRGB-encoded; both are black
 /// outside of the mask, and what is left out there does not count.
 ///
-/// [`Error::Argument`] when the sizes differ, the mask is empty, a value inside of it is not finite, or B is black.
+/// [`crate::Error::Argument`] when the sizes differ, the mask is empty, a value inside of it is not finite, or B is black.
 pub fn compare(a: &Image, b: &Image) -> Result<Metrics> {
     let mask = masked(a, b)?;
     let count = mask.len() as f64;
-    let (mut sum_a, mut sum_b, mut squared, mut squared_rgb) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    let mean_b = mean_luminance(b, &mask)?;
+    let (mut difference, mut squared, mut squared_rgb) = (0.0_f64, 0.0_f64, 0.0_f64);
     for &n in &mask {
         let (lum_a, lum_b) = (f64::from(luminance(a.rgb[n])), f64::from(luminance(b.rgb[n])));
-        sum_a += lum_a;
-        sum_b += lum_b;
+        difference += lum_a - lum_b;
         squared += (lum_a - lum_b).powi(2);
         squared_rgb += (a.rgb[n] - b.rgb[n]).as_dvec3().length_squared();
     }
-    if sum_b <= 0.0 {
-        return Err(Error::Argument("B is black inside of A's mask: no error can be relative to it".into()));
-    }
-    let mean_b = sum_b / count;
 
     let exposure = (MIDDLE / mean_b) as f32;
     let mut shown = [vec![Vec3::ZERO; a.rgb.len()], vec![Vec3::ZERO; a.rgb.len()]];
@@ -61,7 +57,7 @@ pub fn compare(a: &Image, b: &Image) -> Result<Metrics> {
     Ok(Metrics {
         relative_rms_luminance: (squared / count).sqrt() / mean_b,
         rgb_rms: (squared_rgb / (3.0 * count)).sqrt(),
-        bias: (sum_a - sum_b) / sum_b,
+        bias: difference / count / mean_b,
         ssim: ssim(&lightness[0], &lightness[1], a.width as usize, &mask),
         flip: flip(&shown[0], &shown[1], (a.width, a.height), &mask),
         pixels: mask.len(),

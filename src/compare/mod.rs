@@ -86,6 +86,16 @@ fn masked(a: &Image, b: &Image) -> Result<Vec<usize>> {
     Ok(mask)
 }
 
+/// Mean luminance of the truth over the mask, above 0; [`Error::Argument`] when it is black.
+fn mean_luminance(b: &Image, mask: &[usize]) -> Result<f64> {
+    let mean = mask.iter().map(|&n| f64::from(luminance(b.rgb[n]))).sum::<f64>() / mask.len() as f64;
+    if mean > 0.0 {
+        Ok(mean)
+    } else {
+        Err(Error::Argument("B is black inside of A's mask: no error can be relative to it".into()))
+    }
+}
+
 /// Luminance of a linear Rec. 709 colour, in the colour's own units (ITU-R BT.709).
 pub fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))

@@ -59,8 +59,8 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// Writes an SVG of 900x560. [`Error::Argument`] when there is nothing to draw, a value is not finite or beyond 1e100,
-    /// or not above 0 on a logarithmic axis; [`Error::File`] when `path` cannot be written.
+    /// Writes an SVG of 900x560. [`Error::Argument`] when there is nothing to draw, a value is not finite or beyond
+    /// 1e100, or not above 0 on a logarithmic axis; [`Error::File`] when `path` cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let svg = self.svg()?;
         let failed = |e| Error::file(path, format!("cannot be written: {e}"));
