@@ -1,5 +1,5 @@
-//! How far two images are from each other, in numbers ([`metrics`]) and in pictures ([`false_color`],
-//! [`contact_sheet`], [`plot`]).
+//! How far two images are from each other, in numbers ([`compare()`]) and in pictures ([`difference_map`],
+//! [`contact_sheet()`], [`Plot`]).
 
 mod contact_sheet;
 mod false_color;
