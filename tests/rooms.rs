@@ -141,7 +141,7 @@ fn directional_albedo(view: Vec3, alpha: f32) -> f32 {
 
 #[test]
 fn baked_light_agrees_with_the_path_tracer() {
-    let room = baked(toy_room());
+    let room = bake(toy_room(), &BakeOptions { texel: 0.05, ..coarse() }, &|_| ()).expect("the room is sound");
     let origin = Vec3::new(0.1, 1.3, 0.2);
     let (mut baked_sum, mut traced_sum) = (Vec3::ZERO, Vec3::ZERO);
     for n in 0..40_u8 {
@@ -152,7 +152,7 @@ fn baked_light_agrees_with_the_path_tracer() {
         if luminance(baked) < 2.0 {
             baked_sum += baked;
             traced_sum += traced;
-            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.06);
+            assert_near(&format!("direction {n}"), luminance(baked) / luminance(traced), 1.0, 0.1);
         }
     }
     assert!((baked_sum / traced_sum - 1.0).abs().max_element() < 0.02, "{baked_sum} and {traced_sum}");

@@ -24,13 +24,17 @@ const ROUGH: u32 = 8;
 /// More fine texels than this would need more than 1.5 GiB.
 const MAX_TEXELS: f64 = 128e6;
 
+/// A scan of more points than this would need more than 5 GiB.
+const MAX_POINTS: usize = 1 << 27;
+
 /// Receives how much of a job is done, 0 to 1; called from worker threads.
 pub type Progress<'a> = &'a (dyn Fn(f32) + Sync);
 
 /// How finely to bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
-    /// Size of a texel of direct light, metres; texels of bounced light are four times as large.
+    /// Size of a texel of direct light, metres; texels of bounced light are four times as large. The spacing of the
+    /// cloud that the room will be scanned into is fine enough.
     pub texel: f32,
     /// Shadow rays a texel of direct light.
     pub direct_samples: u32,
@@ -259,13 +263,14 @@ impl BakedRoom {
     }
 
     /// Scans the room: about `points` points (within a percent), spread evenly by area over the surfaces that can be
-    /// seen, with normals, HDR radiance (emitters included) and spacing: the square root of the area per point.
+    /// seen, with normals, HDR radiance (emitters included) and spacing: the square root of the area per point. More
+    /// than 2^27 points are not made.
     pub fn sample_cloud(&self, points: usize, seed: u64) -> Cloud {
         let area = self.visible_area(seed);
         if points == 0 || area <= 0.0 {
             return Cloud::default();
         }
-        let density = points as f32 / area;
+        let density = points.min(MAX_POINTS) as f32 / area;
         let surfaces: Vec<usize> = (0..self.room().surfaces.len()).collect();
         let scanned: Vec<Vec<(Vec3, Vec3, Vec3)>> =
             surfaces.par_iter().map(|&surface| self.scan(surface, density, seed)).collect();

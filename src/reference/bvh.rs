@@ -227,3 +227,40 @@ fn cheapest_split(planes: &mut [Plane]) -> (usize, usize) {
 fn bounds(planes: &[Plane]) -> (Vec3, Vec3) {
     planes.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p.low), high.max(p.high)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::rooms::hall;
+    use super::super::sampling::Random;
+    use super::*;
+
+    #[test]
+    fn the_hierarchy_finds_what_testing_all_finds() {
+        let room = hall();
+        let bvh = Bvh::new(&room.surfaces);
+        let mut random = Random::new(0, 4);
+        let mut signed = || 2.0 * random.uniform() - 1.0;
+        for _ in 0..5000 {
+            let origin = Vec3::new(6.0 * signed(), 3.0 + 3.0 * signed(), 10.0 * signed());
+            let direction = Vec3::new(signed(), signed(), signed()).normalize_or(Vec3::X);
+            let hit = bvh.closest(origin, direction);
+            let all = bvh.planes.iter().filter_map(|plane| plane.hit(origin, direction, f32::INFINITY));
+            let nearest = all.map(|hit| hit.distance).fold(f32::INFINITY, f32::min);
+            assert_eq!(hit.map_or(f32::INFINITY, |hit| hit.distance), nearest);
+            assert!(!bvh.blocked(origin, direction, nearest));
+            assert_eq!(bvh.blocked(origin, direction, 2.0 * nearest + 1.0), nearest.is_finite());
+        }
+    }
+
+    #[test]
+    fn nothing_and_rays_along_walls_are_harmless() {
+        assert_eq!(Bvh::new(&[]).closest(Vec3::ZERO, Vec3::X), None);
+        let wall = Rectangle::new(Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE);
+        let bvh = Bvh::new(&[wall]);
+        assert_eq!(bvh.closest(Vec3::new(-1.0, 0.5, 0.0), Vec3::X), None);
+        assert_eq!(bvh.closest(Vec3::NAN, Vec3::X), None);
+        assert_eq!(bvh.closest(Vec3::ZERO, Vec3::ZERO), None);
+        assert!(bvh.closest(Vec3::new(0.5, 0.5, 1.0), Vec3::NEG_Z).is_some_and(|hit| hit.front));
+        assert!(bvh.closest(Vec3::new(0.5, 0.5, -1.0), Vec3::Z).is_some_and(|hit| !hit.front));
+    }
+}

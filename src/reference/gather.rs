@@ -122,9 +122,9 @@ impl Lobe {
     }
 }
 
-/// Radiance that leaves `receiver` towards the eye, lit by the room. `samples` directions are taken from the BRDF and as
-/// many from the lamps; `seed` changes the noise and nothing else. Where the normal faces away from the eye a metal is
-/// black.
+/// Radiance that leaves `receiver` towards the eye, lit by the room. `samples` directions are taken from the BRDF and
+/// as many from the lamps; `seed` changes the noise and nothing else. Where the normal faces away from the eye a metal
+/// is black.
 pub fn gather(baked: &BakedRoom, receiver: &Receiver, brdf: Brdf, samples: u32, seed: u64) -> Vec3 {
     if matches!(brdf, Brdf::Metal { .. }) && receiver.normal.dot(receiver.view) <= 0.0 {
         return Vec3::ZERO;

@@ -10,3 +10,4 @@ pub mod gather;
 pub mod path_tracer;
 pub mod rooms;
 mod sampling;
+pub mod shapes;
