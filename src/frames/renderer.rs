@@ -20,6 +20,7 @@ use crate::passes::rasterise::{MicroBuffers, RasterInfo, RasterPass};
 use crate::passes::receivers::{ReceiverPass, Receivers};
 use crate::passes::{Gather, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
+use crate::reference::cut;
 use crate::scene::{Camera, FarField, Object};
 use crate::{Error, Result};
 
@@ -176,11 +177,13 @@ impl Renderer {
         }
     }
 
-    /// Every [node, pixel] pair that a frame rasterises, sorted: for tests and for looking at cuts.
+    /// Every [node, pixel] pair that a frame rasterises, sorted: for tests and for looking at cuts. `hierarchy` is the
+    /// one that the renderer was made with. A receiver's list holds nodes that only some of its pixels see; here, as in
+    /// the raster passes, each pixel leaves out what covers nothing of its own hemisphere.
     ///
     /// # Errors
     /// As [`Renderer::render`].
-    pub fn cut(&mut self, camera: &Camera) -> Result<Vec<CutPair>> {
+    pub fn cut(&mut self, camera: &Camera, hierarchy: &Hierarchy) -> Result<Vec<CutPair>> {
         let mut pairs = Vec::new();
         let mut stats = FrameStats::default();
         let width = self.settings.width;
@@ -191,13 +194,19 @@ impl Renderer {
                 let lists: Vec<[u32; 2]> =
                     region.lists.lists.download(Receiver::slots(region.receivers.pixels) as usize)?;
                 let nodes: Vec<u32> = region.lists.nodes.download((region.lists.nodes.size / 4) as usize)?;
+                let slots = region.receivers.pixels as usize;
+                let positions: Vec<[f32; 4]> = region.receivers.spheres.download(slots)?;
+                let normals: Vec<[f32; 4]> = region.receivers.cones.download(slots)?;
+                let three = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
                 for pixel in batch.receivers.iter().flat_map(|r| coverage.pixels(*r)) {
                     let at = region.pixel_of(pixel, width);
+                    let (position, normal) = (three(positions[pixel as usize]), three(normals[pixel as usize]));
                     for level in 0..=Receiver::TILE_LEVEL {
                         let receiver = Receiver::new(level, pixel >> (2 * level));
                         let [offset, length] = lists[receiver.slot(region.receivers.pixels) as usize];
                         let list = &nodes[offset as usize..(offset + length) as usize];
-                        pairs.extend(list.iter().map(|node| CutPair { pixel: at, node: *node }));
+                        let seen = list.iter().filter(|n| cut::covers(hierarchy, **n as usize, position, normal));
+                        pairs.extend(seen.map(|node| CutPair { pixel: at, node: *node }));
                     }
                 }
                 Ok(())

@@ -5,6 +5,7 @@
 
 pub mod bake;
 mod bvh;
+pub mod cut;
 mod emitters;
 pub mod gather;
 pub mod path_tracer;

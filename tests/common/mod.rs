@@ -1,5 +1,5 @@
 //! Scenes and helpers that several tests share; all data is generated here.
-#![allow(dead_code, reason = "every test binary uses a part")]
+#![allow(dead_code, unreachable_pub, reason = "every test binary uses a part")]
 
 use std::sync::Arc;
 
@@ -7,8 +7,7 @@ use glam::{Vec3, vec3};
 use relume::frames::Settings;
 use relume::gpu::{Context, ContextOptions};
 use relume::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
-use relume::reference::shapes;
-use relume::scene::{Cloud, Object};
+use relume::scene::{Cloud, Material, Object, Primitive, Vertex};
 
 /// A device with the validation layer, which must stay silent.
 pub struct Device(pub Arc<Context>);
@@ -94,8 +93,24 @@ pub fn build(cloud: &Cloud) -> Hierarchy {
     hierarchy::build(cloud, &BuildOptions::default()).expect("a cloud that builds").0
 }
 
+/// A sphere around the origin, as a grid of latitudes and longitudes.
 pub fn ball(radius: f32) -> Object {
-    shapes::sphere(radius, 5)
+    const ROWS: u32 = 48;
+    const COLUMNS: u32 = 96;
+    let mut object = Object { materials: vec![Material::default()], ..Object::default() };
+    for i in 0..(ROWS + 1) * (COLUMNS + 1) {
+        let (row, column) = (i / (COLUMNS + 1), i % (COLUMNS + 1));
+        let theta = std::f32::consts::PI * row as f32 / ROWS as f32;
+        let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
+        let normal = vec3(theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos());
+        object.vertices.push(Vertex { position: normal * radius, normal, ..Vertex::default() });
+        if row < ROWS && column < COLUMNS {
+            let (a, b) = (i, i + COLUMNS + 1);
+            object.indices.extend([a, b, a + 1, a + 1, b, b + 1]);
+        }
+    }
+    object.primitives.push(Primitive { indices: 0..object.indices.len() as u32, material: 0 });
+    object
 }
 
 /// Small and quick.
