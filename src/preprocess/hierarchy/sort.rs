@@ -84,6 +84,15 @@ mod tests {
         keys.iter().zip(0..).map(|(&key, index)| Keyed { key, index }).collect()
     }
 
+    #[test]
+    fn every_single_bit_counts() {
+        for bit in 0..64 {
+            let (low, high) = (7 & !(1 << bit), 7 | 1 << bit);
+            let sorted = sort(keyed(&[high, low, high, low]));
+            assert_eq!(sorted.iter().map(|item| item.index).collect::<Vec<_>>(), [1, 3, 0, 2], "bit {bit}");
+        }
+    }
+
     proptest! {
         #![proptest_config(super::super::seeded())]
 
