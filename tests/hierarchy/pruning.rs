@@ -125,8 +125,8 @@ fn two_points_are_pruned_on_this_side_of_every_threshold_and_kept_on_the_other()
 #[test]
 fn the_papers_rule_makes_one_leaf_of_a_wall_and_ours_many_small_ones() {
     let mut cloud = Cloud::default();
-    for i in 0..64 * 64u16 {
-        cloud.positions.push(Vec3::new(f32::from(i % 64), f32::from(i / 64), 0.0) * 0.01);
+    for i in 0..128 * 128u16 {
+        cloud.positions.push(Vec3::new(f32::from(i % 128), f32::from(i / 128), 0.0) * 0.01);
         cloud.colors.push(Vec3::splat(0.5));
         cloud.normals.push(Vec3::Z);
         cloud.spacing.push(0.01);
@@ -134,13 +134,13 @@ fn the_papers_rule_makes_one_leaf_of_a_wall_and_ours_many_small_ones() {
     let paper = BuildOptions { max_cluster_radius_in_spacings: f32::INFINITY, ..BuildOptions::default() };
     let (wall, report) = built(&cloud, &paper);
     assert_eq!((wall.len(), wall.depth, report.leaves_after), (1, 1, 1));
-    assert!((wall.areas[0] - 0.4096).abs() < 1e-5);
-    assert!((Vec3::from(wall.area_vectors[0]) - Vec3::Z * 0.4096).length() < 1e-5);
+    assert!((wall.areas[0] - 1.6384).abs() < 1e-5);
+    assert!((Vec3::from(wall.area_vectors[0]) - Vec3::Z * 1.6384).length() < 1e-5);
     assert_eq!(wall.cones[0], PackedCone::encode(Vec3::Z, 1.0));
-    assert!((0.45..0.65).contains(&wall.spheres[0][3]), "at least half the diagonal: {}", wall.spheres[0][3]);
+    assert!((0.9..1.3).contains(&wall.spheres[0][3]), "at least half the diagonal: {}", wall.spheres[0][3]);
 
     let (wall, report) = built(&cloud, &BuildOptions::default());
-    assert!((128..512).contains(&report.leaves_after), "{}", report.leaves_after);
+    assert!((512..2048).contains(&report.leaves_after), "{}", report.leaves_after);
     let leaves = (0..wall.len()).filter(|node| wall.is_leaf(*node));
     assert!(leaves.map(|leaf| wall.spheres[leaf][3]).all(|radius| radius <= 0.0401));
 }

@@ -3,12 +3,16 @@
 
 use rayon::prelude::*;
 
-/// Values of one digit; 8 bits, so that the write heads of one pass stay in the first level cache and the TLB.
-const RADIX: usize = 256;
+/// Values of one digit of 11 bits: six passes over a Morton code. Eight passes of 8 bits, whose write heads fit the TLB
+/// better, take a fifth longer.
+const RADIX: usize = 2048;
 
 /// Chunks of one pass. More than the threads of a usual machine, so that a late thread delays little; the result
 /// does not depend on it, because the sort is stable.
 const CHUNKS: usize = 16;
+
+/// A chunk is worth its counts and heads from about this many items on.
+const LEAST_CHUNK: usize = 1 << 14;
 
 /// A Morton code and the point that it belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +46,7 @@ fn digit(key: u64, shift: u32) -> usize {
 /// One pass: `to` becomes `from` in the order of one digit.
 fn pass(from: &[Keyed], to: &mut [Keyed], shift: u32) {
     // Count each chunk's digits.
-    let chunk = from.len().div_ceil(CHUNKS).max(1);
+    let chunk = from.len().div_ceil(CHUNKS).max(LEAST_CHUNK);
     let counts: Vec<[u32; RADIX]> = from
         .par_chunks(chunk)
         .map(|items| {
@@ -82,6 +86,24 @@ mod tests {
 
     fn keyed(keys: &[u64]) -> Vec<Keyed> {
         keys.iter().zip(0..).map(|(&key, index)| Keyed { key, index }).collect()
+    }
+
+    #[test]
+    fn chunks_keep_the_order_of_equal_keys() {
+        // Three chunks; neighbours differ in the highest digit and in the lowest.
+        let keys: Vec<u64> = (0..LEAST_CHUNK as u64 * 5 / 2).map(|i| ((i * 7 % 5) << 60) | (i * 31 % 11)).collect();
+        let mut expected = keyed(&keys);
+        expected.sort_by_key(|item| item.key);
+        assert_eq!(sort(keyed(&keys)), expected);
+    }
+
+    #[test]
+    fn every_single_bit_counts() {
+        for bit in 0..64 {
+            let (low, high) = (7 & !(1 << bit), 7 | 1 << bit);
+            let sorted = sort(keyed(&[high, low, high, low]));
+            assert_eq!(sorted.iter().map(|item| item.index).collect::<Vec<_>>(), [1, 3, 0, 2], "bit {bit}");
+        }
     }
 
     proptest! {
