@@ -13,30 +13,37 @@
 
 layout(local_size_x = 32) in;
 
-layout(std430, binding = 10) readonly buffer Nearest { uint64_t nearest[]; };
+// Two halves a micro-pixel, the nearest depth in the high one; where nothing hides anything it is the largest float.
+layout(std430, binding = 10) readonly buffer NearestHalves { uint nearest_halves[]; };
 layout(std430, binding = 11) buffer Sums { uint64_t sums[]; };
 
 const float FRONT_LAYER = 1.25;
+
+void add(uint at, float share, vec3 color, float depth) {
+    float front = uintBitsToFloat(nearest_halves[2u * at + 1u]);
+    precise float kept = depth > FRONT_LAYER * front ? 0.0 : share;
+    precise vec3 part = color * kept;
+    uvec3 fixed_part = uvec3(part + 0.5);
+    sums[2u * at] += (uint64_t(fixed_part.r) << 32) | uint64_t(fixed_part.g);
+    sums[2u * at + 1u] += (uint64_t(fixed_part.b) << 32) | uint64_t(uint(kept * COVERAGE_ONE + 0.5));
+}
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
     Footprint footprint = footprint_of(site, centre, area_vector, area2);
     if (footprint.density <= 0.0) return;
     vec3 color = node_color(node) * gather.color_scale;
-    ivec2 first = ivec2(max(footprint.low, vec2(0.0)));
-    ivec2 last = ivec2(min(footprint.high, vec2(float(SIZE) - 1.0)));
-    for (int y = first.y; y <= last.y; ++y) {
-        float tall = min(footprint.high.y, float(y + 1)) - max(footprint.low.y, float(y));
-        for (int x = first.x; x <= last.x; ++x) {
-            float wide = min(footprint.high.x, float(x + 1)) - max(footprint.low.x, float(x));
-            uint at = start + uint(y) * SIZE + uint(x);
-            // The nearest distance; where nothing hides anything it is the largest float, which keeps all.
-            float front = uintBitsToFloat(uint(nearest[at] >> 32));
-            if (footprint.depth > FRONT_LAYER * front) continue;
-            precise float share = tall * wide * footprint.density;
-            precise vec3 part = color * share;
-            uvec3 fixed_part = uvec3(part + 0.5);
-            sums[2u * at] += (uint64_t(fixed_part.r) << 32) | uint64_t(fixed_part.g);
-            sums[2u * at + 1u] += (uint64_t(fixed_part.b) << 32) | uint64_t(uint(share * COVERAGE_ONE + 0.5));
+    uvec2 first = uvec2(clamp(footprint.low, vec2(0.0), vec2(float(SIZE) - 1.0)));
+    uvec2 last = uvec2(clamp(footprint.high, vec2(0.0), vec2(float(SIZE) - 1.0)));
+    // Most boxes touch at most 2 x 2 micro-pixels: those without a loop, the rest two by two.
+    for (uint y = first.y; y <= last.y; y += 2u) {
+        for (uint x = first.x; x <= last.x; x += 2u) {
+            [[unroll]] for (uint k = 0u; k < 4u; ++k) {
+                uvec2 cell = uvec2(x + (k & 1u), y + (k >> 1u));
+                vec2 inside = min(footprint.high, vec2(cell) + 1.0) - max(footprint.low, vec2(cell));
+                inside = cell.x < SIZE && cell.y < SIZE ? max(inside, vec2(0.0)) : vec2(0.0);
+                uvec2 held = min(cell, uvec2(SIZE - 1u));
+                add(start + held.y * SIZE + held.x, inside.x * inside.y * footprint.density, color, footprint.depth);
+            }
         }
     }
 }

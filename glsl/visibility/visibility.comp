@@ -2,6 +2,9 @@
 // First half of rasterising the cut: the nearest node of every micro-pixel, by one 64-bit minimum on (depth, node), so
 // that the result is the same whatever order nodes arrive in. (The paper's load, compare and store on an image loses
 // one of two nodes that meet; `--paper image` keeps it.)
+//
+// A node hides what lies behind it in the micro-pixel of its centre and in those whose centres its box holds; a
+// sliver hides nothing.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
@@ -14,33 +17,39 @@
 layout(local_size_x = 32) in;
 
 layout(std430, binding = 10) buffer Nearest { uint64_t nearest[]; };
+// The same words by halves: the depth is the high one.
+layout(std430, binding = 10) readonly buffer NearestHalves { uint nearest_halves[]; };
 // Nodes handed to pixels, and those of them that cover something.
 layout(std430, binding = 16) buffer RasterCounts { uint64_t offered_count; uint64_t drawn_count; };
 uint offered = 0u;
 uint drawn = 0u;
 
-// A node hides what lies behind it in a micro-pixel when its centre lies there or it covers this share of it; a
-// sliver hides nothing.
-const float HIDING_SHARE = 0.25;
+void hide(uint at, uint depth, uint node) {
+    // Reading first saves most of the atomics.
+    if (depth <= nearest_halves[2u * at + 1u]) {
+        atomicMin(nearest[at], (uint64_t(depth) << 32) | uint64_t(node));
+    }
+}
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
     Footprint footprint = footprint_of(site, centre, area_vector, area2);
     offered += 1u;
     if (footprint.density <= 0.0) return;
     drawn += 1u;
-    uint64_t key = (uint64_t(floatBitsToUint(footprint.depth)) << 32) | uint64_t(node);
+    uint depth = floatBitsToUint(footprint.depth);
     vec2 middle = 0.5 * (footprint.low + footprint.high);
-    ivec2 home = ivec2(clamp(middle, vec2(0.0), vec2(float(SIZE) - 1.0)));
-    ivec2 first = ivec2(max(footprint.low, vec2(0.0)));
-    ivec2 last = ivec2(min(footprint.high, vec2(float(SIZE) - 1.0)));
-    for (int y = first.y; y <= last.y; ++y) {
-        float tall = min(footprint.high.y, float(y + 1)) - max(footprint.low.y, float(y));
-        for (int x = first.x; x <= last.x; ++x) {
-            float wide = min(footprint.high.x, float(x + 1)) - max(footprint.low.x, float(x));
-            if (tall * wide * footprint.density < HIDING_SHARE && ivec2(x, y) != home) continue;
-            uint at = start + uint(y) * SIZE + uint(x);
-            // Reading first saves most of the atomics.
-            if (key < nearest[at]) atomicMin(nearest[at], key);
+    uvec2 home = uvec2(clamp(middle, vec2(0.0), vec2(float(SIZE) - 1.0)));
+    hide(start + home.y * SIZE + home.x, depth, node);
+    // Boxes narrower than a micro-pixel hold no centre but that of their home.
+    ivec2 first = ivec2(clamp(ceil(footprint.low - 0.5), 0.0, float(SIZE)));
+    ivec2 last = ivec2(clamp(floor(footprint.high - 0.5), -1.0, float(SIZE) - 1.0));
+    ivec2 count = max(last - first + 1, ivec2(0));
+    int cells = count.x * count.y;
+    if (cells > 1) {
+        for (int cell = 0; cell < cells; ++cell) {
+            uint x = uint(first.x + cell % count.x);
+            uint y = uint(first.y + cell / count.x);
+            hide(start + y * SIZE + x, depth, node);
         }
     }
 }

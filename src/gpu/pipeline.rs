@@ -90,7 +90,8 @@ impl Layout {
         for binding in stages.iter().flat_map(|s| &s.bindings) {
             match bindings.iter().find(|b| b.binding == binding.binding) {
                 None => bindings.push(binding.clone()),
-                Some(known) if known == binding => {}
+                // One buffer may be declared under several names, for views of different element types.
+                Some(known) if known.kind == binding.kind => {}
                 Some(known) => {
                     return Err(Error::Argument(format!(
                         "stages disagree about binding {}: {} and {}",

@@ -102,7 +102,11 @@ impl MicroBuffers {
 
     /// The micro-buffers under the names that shaders use.
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
-        others.buffer("Nearest", &self.nearest).buffer("Sums", &self.sums).storage_image("store", &self.store)
+        others
+            .buffer("Nearest", &self.nearest)
+            .buffer("NearestHalves", &self.nearest)
+            .buffer("Sums", &self.sums)
+            .storage_image("store", &self.store)
     }
 
     /// Records that nothing is stored for the first `pixels` micro-buffers.
