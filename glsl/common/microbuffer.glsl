@@ -57,15 +57,17 @@ Footprint footprint_of(Site site, vec3 centre, vec3 area_vector) {
     precise float inverse_area = inversesqrt(dot(area_vector, area_vector));
     precise float depth = distance2 * inverse;
     precise vec2 at = vec2(dot(site.tangent, to_node), dot(site.bitangent, to_node)) * inverse;
-    // The solid angle of a patch: area * cosine / distance^2, less what a disc of that area loses because its rim is
-    // farther away than its centre (exact to second order; keeps a patch that is touched below 2 pi).
+    // The solid angle of a patch: area * cosine / distance^2 at its centre, times what its mean over a disc of that area
+    // differs by to second order, 1 + (9 - 15 cos^2) area / (8 pi distance^2): less where the rim is farther away, more
+    // at grazing angles. Bounded for patches so near that they would be touched.
+    precise float tilt = facing * inverse * inverse_area;
     precise float flat_angle = -facing * inverse * inverse * inverse;
-    precise float solid_angle = flat_angle / (1.0 + flat_angle * 0.2387324);
+    precise float curvature = (9.0 - 15.0 * tilt * tilt) * inverse * inverse / inverse_area * 0.039788736;
+    precise float solid_angle = curvature < 0.0 ? flat_angle / (1.0 - curvature) : flat_angle * min(1.0 + curvature, 1.25);
     precise float cosine = height * inverse;
     // Variance of the patch projected onto the disc, per axis: the gradient of the projection, less its part along
     // the patch's normal m. `tilt` is m . direction.
     precise vec2 m = vec2(dot(site.tangent, area_vector), dot(site.bitangent, area_vector)) * inverse_area;
-    precise float tilt = facing * inverse * inverse_area;
     precise vec2 lean = m - tilt * at;
     precise vec2 variance = max(vec2(1e-4), 1.0 - at * at - lean * lean);
     precise float side = 0.5 * inverse / sqrt(inverse_area);

@@ -52,7 +52,10 @@ pub fn complete(cloud: &mut Cloud, orient_towards: Option<Vec3>) -> Result<()> {
 /// # Errors
 /// [`Error::Limit`] when there are more than 2^32 - 1 points.
 pub fn normals_and_spacing(positions: &[Vec3], k: usize, towards: Vec3) -> Result<(Vec<Vec3>, Vec<f32>)> {
-    let estimates = map(positions, k, |around| (normals::fit(around, towards), spacing::of(around)))?;
+    let estimates = map(positions, k, |around| {
+        let normal = normals::fit(around, towards);
+        (normal, spacing::of(around, normal))
+    })?;
     Ok(estimates.into_iter().unzip())
 }
 
