@@ -300,8 +300,11 @@ fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<Loa
         let points = usize::try_from(info.points).ok();
         return Ok(LoadedHierarchy { hierarchy, points, nodes_before: None, origin: info.origin });
     }
-    let (low, high) = object.clone().transformed(placement(args, DVec3::ZERO)).bounds();
-    let towards = args.towards.unwrap_or_else(|| (0.5 * (low + high)).as_dvec3());
+    // The object's middle, without its place, which f32 may not hold: the cloud's origin is not known yet.
+    let turned = object.clone().transformed(placement(args, args.object_at.unwrap_or_default()));
+    let (low, high) = turned.bounds();
+    let middle = (0.5 * (low + high)).as_dvec3() + args.object_at.unwrap_or_default();
+    let towards = args.towards.unwrap_or(middle);
     let cloud = clock.time("cloud", || load_cloud(&args.cloud, args.up, Some(towards)))?;
     let (hierarchy, report) = clock.time("hierarchy", || hierarchy::build(&cloud, &BuildOptions::default()))?;
     Ok(LoadedHierarchy {
@@ -318,7 +321,7 @@ pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Res
         UpAxis::Y => Up::Y,
         UpAxis::Z => Up::Z,
     };
-    cloud::load(path, &CloudOptions { up, orient_towards: towards.map(|t| t.as_vec3()) })
+    cloud::load(path, &CloudOptions { up, orient_towards: towards })
 }
 
 /// Writes an EXR with layers or a PNG, by the name's ending.

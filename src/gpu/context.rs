@@ -64,7 +64,7 @@ impl Capabilities {
     }
 
     /// Lower is better: what runs at all, then what runs everything, then the faster kind.
-    fn rank(&self) -> impl Ord {
+    fn rank(&self) -> (bool, bool, u8) {
         let kind = match self.kind {
             vk::PhysicalDeviceType::DISCRETE_GPU => 0,
             vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
