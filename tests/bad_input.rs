@@ -143,7 +143,7 @@ type Point = ([f64; 3], [f64; 3]);
 /// Points on the faces of a cube of `half` metres around `centre`, on a lattice.
 fn points(count: usize, centre: [f64; 3], half: f64) -> Vec<Point> {
     let point = |i: usize| {
-        let (axis, side) = (i % 3, if i % 2 == 0 { half } else { -half });
+        let (axis, side) = (i % 3, if i.is_multiple_of(2) { half } else { -half });
         let (u, v) = ((i * 7 % 29) as f64 / 14.5 - 1.0, (i * 11 % 31) as f64 / 15.5 - 1.0);
         let mut p = centre;
         p[axis] += side;

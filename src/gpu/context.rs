@@ -548,6 +548,7 @@ mod tests {
             missing: missing.to_vec(),
             missing_feedback: missing_feedback.to_vec(),
             max_storage_range: 1 << 27,
+            max_texels: 1 << 27,
             max_image_size: 16_384,
             max_workgroups: 65_535,
             linear_float32: true,
