@@ -7,6 +7,7 @@ mod demo;
 mod info;
 mod progress;
 mod render;
+mod stage;
 mod values;
 
 use clap::{Parser, Subcommand};
