@@ -24,21 +24,21 @@ void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= entry_count) return;
     uint pixel = entries[at];
-    vec4 sphere = receiver_spheres[pixel];
-    vec4 cone = receiver_cones[pixel];
+    vec4 ball = receiver_sphere(pixel);
+    vec4 normals = receiver_cone(pixel);
     uint begin = at * traversal.capacity;
     uint count = 0u;
     uint visited = 0u;
-    uint end = node_skips[0];
+    uint end = node_skip(0u);
     for (uint node = 0u; node != end;) {
         visited += 1u;
-        uint skip = node_skips[node];
-        uint action = decide(node, skip == node + 1u, 0u, sphere, cone, traversal.stop_sin2);
+        Area area = node_area(node);
+        uint action = decide(node, area, 0u, ball, normals, traversal.stop_sin2);
         if (action == STOP) {
             if (count < traversal.capacity) cut_nodes[begin + count] = node;
             count += 1u;
         }
-        node = action == DESCEND ? node + 1u : skip;
+        node = action == DESCEND ? node + 1u : area.skip;
     }
     lists[pixel] = uvec2(begin, min(count, traversal.capacity));
     atomicMax(longest, count);

@@ -47,15 +47,15 @@ bool pixel_discards(vec3 to_node, float distance2, vec3 normal, float radius, Co
 }
 
 // The node as a single pixel's traversal sees it.
-uint decide_pixel(uint node, bool leaf, vec3 position, vec3 normal, float stop_sin2) {
-    vec4 sphere = node_spheres[node];
+uint decide_pixel(uint node, Area area, bool leaf, vec3 position, vec3 normal, float stop_sin2) {
+    vec4 sphere = node_sphere(node);
     precise vec3 to_node = sphere.xyz - position;
     precise float distance2 = exact_dot(to_node, to_node);
     bool stops = pixel_stops(distance2, sphere.w, stop_sin2, leaf);
     if (stops && !PAPER_COVERAGE) {
         // What covers nothing is not rasterised: below the horizon, or facing away.
         precise float height = exact_dot(normal, to_node);
-        precise float facing = exact_dot(node_area_vector(node), to_node);
+        precise float facing = exact_dot(area.vector, to_node);
         return height > 0.0 && facing < 0.0 ? STOP : DISCARD;
     }
     precise float margin = stops ? 0.0 : SLACK * (abs(to_node.x) + abs(to_node.y) + abs(to_node.z) + sphere.w);
@@ -64,20 +64,20 @@ uint decide_pixel(uint node, bool leaf, vec3 position, vec3 normal, float stop_s
 }
 
 // The same decision for every pixel of a receiver with a sphere of positions and a cone of normals.
-uint decide_coarse(uint node, bool leaf, vec4 receiver_sphere, vec4 receiver_cone, float stop_sin2) {
-    vec4 sphere = node_spheres[node];
-    vec3 to_node = sphere.xyz - receiver_sphere.xyz;
+uint decide_coarse(uint node, bool leaf, vec4 receiver_ball, vec4 receiver_normals, float stop_sin2) {
+    vec4 sphere = node_sphere(node);
+    vec3 to_node = sphere.xyz - receiver_ball.xyz;
     float distance2 = dot(to_node, to_node);
     float centre_distance = sqrt(distance2);
-    float extent = receiver_sphere.w + sphere.w;
+    float extent = receiver_ball.w + sphere.w;
     float margin = SLACK * (centre_distance + extent);
 
     // The most of n . v over the receiver's normals n: d cos(phi - gamma), or d inside the cone (Sabbadin 2019, Eq. 8).
-    float along = dot(receiver_cone.xyz, to_node);
-    float gamma_sine = sqrt(max(0.0, 1.0 - receiver_cone.w * receiver_cone.w));
-    float top = along >= centre_distance * receiver_cone.w
+    float along = dot(receiver_normals.xyz, to_node);
+    float gamma_sine = sqrt(max(0.0, 1.0 - receiver_normals.w * receiver_normals.w));
+    float top = along >= centre_distance * receiver_normals.w
                     ? centre_distance
-                    : along * receiver_cone.w + sqrt(max(0.0, distance2 - along * along)) * gamma_sine;
+                    : along * receiver_normals.w + sqrt(max(0.0, distance2 - along * along)) * gamma_sine;
     if (top + extent + margin < 0.0) return DISCARD;
 
     Cone cone = node_cone(node);
@@ -86,8 +86,8 @@ uint decide_coarse(uint node, bool leaf, vec4 receiver_sphere, vec4 receiver_con
     float least = facing * cone.cosine - sqrt(max(0.0, distance2 - facing * facing)) * sine;
     if (cone.cosine > 0.0 && least > extent + margin) return DISCARD;
 
-    float nearest = max(0.0, centre_distance - receiver_sphere.w);
-    float farthest = centre_distance + receiver_sphere.w;
+    float nearest = max(0.0, centre_distance - receiver_ball.w);
+    float farthest = centre_distance + receiver_ball.w;
     float radius2 = sphere.w * sphere.w;
     if (leaf || radius2 <= stop_sin2 * nearest * nearest * (1.0 - 1e-4)) return STOP;
     if (radius2 > stop_sin2 * farthest * farthest * (1.0 + 1e-4)) return DESCEND;
@@ -96,15 +96,15 @@ uint decide_coarse(uint node, bool leaf, vec4 receiver_sphere, vec4 receiver_con
 
 // The paper's rule (Sabbadin 2019, 5.2.1): compare the node's solid angle with that of the receiver's normal cone,
 // as if the receiver had no extent, and stop at pixels alone.
-uint decide_paper(uint node, bool leaf, uint level, vec3 position, vec4 receiver_cone, float stop_sin2) {
-    vec4 sphere = node_spheres[node];
+uint decide_paper(uint node, bool leaf, uint level, vec3 position, vec4 receiver_normals, float stop_sin2) {
+    vec4 sphere = node_sphere(node);
     precise vec3 to_node = sphere.xyz - position;
     precise float distance2 = exact_dot(to_node, to_node);
     float centre_distance = sqrt(distance2);
     // Eqs. 6 to 8: phi - alpha > gamma + pi / 2.
-    float phi = acos(clamp(dot(receiver_cone.xyz, to_node) / max(centre_distance, 1e-20), -1.0, 1.0));
+    float phi = acos(clamp(dot(receiver_normals.xyz, to_node) / max(centre_distance, 1e-20), -1.0, 1.0));
     float alpha = asin(clamp(sphere.w / max(centre_distance, 1e-20), 0.0, 1.0));
-    float gamma = acos(clamp(receiver_cone.w, -1.0, 1.0));
+    float gamma = acos(clamp(receiver_normals.w, -1.0, 1.0));
     if (phi - alpha > gamma + 1.57079633) return DISCARD;
     // Figure 5: the cone of visibility, of the node's centre alone.
     Cone cone = node_cone(node);
@@ -115,15 +115,16 @@ uint decide_paper(uint node, bool leaf, uint level, vec3 position, vec4 receiver
     bool small = pixel_stops(distance2, sphere.w, stop_sin2, false);
     if (level == 0u) return small || leaf ? STOP : DESCEND;
     // Omega(p) = 2 pi (1 - cos gamma): the same test without a root, with the receiver's cone as the threshold.
-    float receiver_sin2 = 1.0 - receiver_cone.w * receiver_cone.w;
-    bool descends = receiver_cone.w > 0.0 ? sphere.w * sphere.w > receiver_sin2 * distance2
+    float receiver_sin2 = 1.0 - receiver_normals.w * receiver_normals.w;
+    bool descends = receiver_normals.w > 0.0 ? sphere.w * sphere.w > receiver_sin2 * distance2
                                           : centre_distance <= sphere.w;
     // A node that is already small enough for the micro-buffer is never opened for a sharper receiver.
     return descends && !leaf && !small ? DESCEND : SPLIT;
 }
 
-uint decide(uint node, bool leaf, uint level, vec4 receiver_sphere, vec4 receiver_cone, float stop_sin2) {
-    if (PAPER_CUT) return decide_paper(node, leaf, level, receiver_sphere.xyz, receiver_cone, stop_sin2);
-    if (level == 0u) return decide_pixel(node, leaf, receiver_sphere.xyz, receiver_cone.xyz, stop_sin2);
-    return decide_coarse(node, leaf, receiver_sphere, receiver_cone, stop_sin2);
+uint decide(uint node, Area area, uint level, vec4 receiver_ball, vec4 receiver_normals, float stop_sin2) {
+    bool leaf = area.skip == node + 1u;
+    if (PAPER_CUT) return decide_paper(node, leaf, level, receiver_ball.xyz, receiver_normals, stop_sin2);
+    if (level == 0u) return decide_pixel(node, area, leaf, receiver_ball.xyz, receiver_normals.xyz, stop_sin2);
+    return decide_coarse(node, leaf, receiver_ball, receiver_normals, stop_sin2);
 }

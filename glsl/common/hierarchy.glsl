@@ -1,12 +1,10 @@
 // The bounding sphere hierarchy as a structure of arrays, depth first: the left child of inner node i is i + 1, its
-// right child is node_skips[i + 1]; a leaf has node_skips[i] == i + 1 (Sabbadin 2019, 5.1 and 5.4).
-layout(std430, binding = 0) readonly buffer NodeSpheres { vec4 node_spheres[]; };
-layout(std430, binding = 1) readonly buffer NodeCones { uvec2 node_cones[]; };
-layout(std430, binding = 2) readonly buffer NodeSkips { uint node_skips[]; };
-// Three floats a node: sum of area times normal, square metres.
-layout(std430, binding = 3) readonly buffer NodeAreaVectors { float node_area_vectors[]; };
-// Three floats a node: linear Rec. 709 radiance.
-layout(std430, binding = 4) readonly buffer NodeColors { float node_colors[]; };
+// right child is node_skip(i + 1); a leaf has node_skip(i) == i + 1 (Sabbadin 2019, 5.1 and 5.4). Read by texel fetches,
+// which bring a whole element at once.
+layout(binding = 0) uniform samplerBuffer node_spheres; // centre, radius
+layout(binding = 1) uniform usamplerBuffer node_cones;
+layout(binding = 2) uniform samplerBuffer node_areas; // sum of area times normal, square metres; w: bits of the skip
+layout(binding = 3) uniform samplerBuffer node_colors; // linear Rec. 709 radiance
 
 struct Cone {
     vec3 axis;
@@ -15,20 +13,28 @@ struct Cone {
 
 // Signed 16-bit fractions of 2^15, so that every device decodes the same bits.
 Cone node_cone(uint node) {
-    uvec2 packed_cone = node_cones[node];
+    uvec2 packed_cone = texelFetch(node_cones, int(node)).xy;
     ivec2 low = ivec2(packed_cone << 16u) >> 16;
     ivec2 high = ivec2(packed_cone) >> 16;
     const float unit = 1.0 / 32768.0;
     return Cone(vec3(float(low.x), float(high.x), float(low.y)) * unit, float(high.y) * unit);
 }
 
-vec3 node_area_vector(uint node) {
-    return vec3(node_area_vectors[3u * node], node_area_vectors[3u * node + 1u], node_area_vectors[3u * node + 2u]);
+vec4 node_sphere(uint node) { return texelFetch(node_spheres, int(node)); }
+
+struct Area {
+    vec3 vector;
+    uint skip;
+};
+
+Area node_area(uint node) {
+    vec4 texel = texelFetch(node_areas, int(node));
+    return Area(texel.xyz, floatBitsToUint(texel.w));
 }
 
-vec3 node_color(uint node) {
-    return vec3(node_colors[3u * node], node_colors[3u * node + 1u], node_colors[3u * node + 2u]);
-}
+uint node_skip(uint node) { return node_area(node).skip; }
+
+vec3 node_color(uint node) { return texelFetch(node_colors, int(node)).rgb; }
 
 // A dot product that every device rounds alike.
 float exact_dot(vec3 a, vec3 b) {

@@ -8,7 +8,7 @@ layout(constant_id = 4) const uint PIXELS = 4u;
 
 layout(std430, binding = 7) readonly buffer Entries { uint entries[]; };
 layout(std430, binding = 8) readonly buffer Lists { uvec2 lists[]; };
-layout(std430, binding = 9) readonly buffer CutNodes { uint cut_nodes[]; };
+layout(binding = 9) uniform usamplerBuffer cut_nodes;
 
 const uint MICRO_PIXELS = SIZE * SIZE;
 
@@ -34,9 +34,9 @@ struct Site {
 
 Site load_site(uint slot, bool wanted) {
     Site site;
-    vec4 sphere = receiver_spheres[slot];
+    vec4 sphere = receiver_sphere(slot);
     site.position = sphere.xyz;
-    site.normal = wanted && sphere.w >= 0.0 ? receiver_cones[slot].xyz : vec3(0.0);
+    site.normal = wanted && sphere.w >= 0.0 ? receiver_cone(slot).xyz : vec3(0.0);
     tangent_frame(site.normal, site.tangent, site.bitangent);
     return site;
 }

@@ -19,9 +19,9 @@ void main() {
         uint pixel = block * PIXELS + (alone ? own : 0u);
         uvec2 list = lists[level_offset(gather.pixels, level) + (pixel >> (2u * level))];
         for (uint i = 0u; i < list.y; ++i) {
-            uint node = cut_nodes[list.x + i];
-            vec3 centre = node_spheres[node].xyz;
-            vec3 area_vector = node_area_vector(node);
+            uint node = texelFetch(cut_nodes, int(list.x + i)).x;
+            vec3 centre = node_sphere(node).xyz;
+            vec3 area_vector = node_area(node).vector;
             float area2 = dot(area_vector, area_vector);
             [[unroll]] for (uint k = 0u; k < PIXELS; ++k) {
                 if (!alone || own == k) {

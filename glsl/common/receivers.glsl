@@ -1,8 +1,8 @@
 // Receivers: G-buffer pixels in Morton order inside 16 x 16 tiles, and their cone mipmap (Sabbadin 2019, 5.2.1). A
 // receiver's code holds its level (0 is a pixel, 4 a tile) in the top four bits and its index at that level below;
 // children of index i are 4 i to 4 i + 3 one level down. A pair is [node, receiver code].
-layout(std430, binding = 5) readonly buffer ReceiverSpheres { vec4 receiver_spheres[]; };
-layout(std430, binding = 6) readonly buffer ReceiverCones { vec4 receiver_cones[]; };
+layout(binding = 5) uniform samplerBuffer receiver_spheres;
+layout(binding = 6) uniform samplerBuffer receiver_cones;
 
 const uint RECEIVER_INDEX_MASK = 0x0fffffffu;
 
@@ -19,5 +19,8 @@ uint receiver_slot(uint pixels, uint receiver) {
     return level_offset(pixels, receiver_level(receiver)) + receiver_index(receiver);
 }
 
+vec4 receiver_sphere(uint slot) { return texelFetch(receiver_spheres, int(slot)); }
+vec4 receiver_cone(uint slot) { return texelFetch(receiver_cones, int(slot)); }
+
 // A receiver with no covered pixel has a negative radius.
-bool receiver_is_empty(uint slot) { return receiver_spheres[slot].w < 0.0; }
+bool receiver_is_empty(uint slot) { return receiver_sphere(slot).w < 0.0; }

@@ -30,7 +30,7 @@ void main() {
     uint first[5];
     uint last[5];
     first[root_level] = node;
-    last[root_level] = node_skips[node];
+    last[root_level] = node_skip(node);
     uint visited = 0u;
     for (;;) {
         uint level = receiver_level(receiver);
@@ -46,24 +46,24 @@ void main() {
             continue;
         }
         uint slot = receiver_slot(traversal.pixels, receiver);
-        vec4 sphere = receiver_spheres[slot];
-        if (sphere.w < 0.0) { // no covered pixel below
+        vec4 ball = receiver_sphere(slot);
+        if (ball.w < 0.0) { // no covered pixel below
             node = last[level];
             continue;
         }
         visited += 1u;
-        uint skip = node_skips[node];
+        Area area = node_area(node);
         uint action = 
-            decide(node, skip == node + 1u, level, sphere, receiver_cones[slot], traversal.stop_sin2);
+            decide(node, area, level, ball, receiver_cone(slot), traversal.stop_sin2);
         if (action == SPLIT) {
             receiver = first_child(receiver);
             first[level - 1u] = node;
-            last[level - 1u] = skip;
+            last[level - 1u] = area.skip;
         } else if (action == DESCEND) {
             node += 1u;
         } else {
             if (action == STOP) append(node, receiver);
-            node = skip;
+            node = area.skip;
         }
     }
     atomicAdd(visited_count, visited);

@@ -44,7 +44,7 @@ void put(uint start, uint x, uint y, float depth, uint node) {
 void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
     precise vec3 to_node = centre - site.position;
     precise float distance2 = exact_dot(to_node, to_node);
-    float radius = node_spheres[node].w;
+    float radius = node_sphere(node).w;
     Cone cone = node_cone(node);
     if (site.normal == vec3(0.0) || pixel_discards(to_node, distance2, site.normal, radius, cone, 0.0)) return;
     drawn += 1u;

@@ -28,9 +28,9 @@ void emit_done(uint node, uint receiver) {
 }
 
 // Whether hybrid hands the pair over: Omega(A) <= Omega_tr at the receiver's nearest point, or a single pixel.
-bool hands_over(uint node, uint level, vec4 receiver_sphere) {
-    vec4 sphere = node_spheres[node];
-    float nearest = max(0.0, distance(sphere.xyz, receiver_sphere.xyz) - receiver_sphere.w);
+bool hands_over(uint node, uint level, vec4 ball) {
+    vec4 sphere = node_sphere(node);
+    float nearest = max(0.0, distance(sphere.xyz, ball.xyz) - ball.w);
     return level == 0u || sphere.w * sphere.w <= traversal.switch_sin2 * nearest * nearest;
 }
 
@@ -38,17 +38,16 @@ void main() {
     uint node = pair[0].x;
     uint receiver = pair[0].y;
     uint slot = receiver_slot(traversal.pixels, receiver);
-    uint skip = node_skips[node];
-    bool leaf = skip == node + 1u;
+    Area area = node_area(node);
     uint level = receiver_level(receiver);
-    vec4 sphere = receiver_spheres[slot];
-    uint action = decide(node, leaf, level, sphere, receiver_cones[slot], traversal.stop_sin2);
+    vec4 ball = receiver_sphere(slot);
+    uint action = decide(node, area, level, ball, receiver_cone(slot), traversal.stop_sin2);
     if (action == DISCARD) return;
-    if (action == STOP || (HYBRID && hands_over(node, level, sphere))) {
+    if (action == STOP || (HYBRID && hands_over(node, level, ball))) {
         emit_done(node, receiver);
     } else if (action == DESCEND) {
         emit_next(node + 1u, receiver);
-        emit_next(node_skips[node + 1u], receiver);
+        emit_next(node_skip(node + 1u), receiver);
     } else {
         uint child = first_child(receiver);
         for (uint k = 0u; k < 4u; ++k) {

@@ -35,6 +35,8 @@ pub struct Capabilities {
     pub missing_feedback: Vec<&'static str>,
     /// Largest range of a storage buffer, bytes.
     pub max_storage_range: u64,
+    /// Most elements of a texel buffer.
+    pub max_texels: u32,
     /// Largest width and height of an image.
     pub max_image_size: u32,
     /// Most workgroups in one dimension of a dispatch.
@@ -248,6 +250,7 @@ fn inspect(instance: &ash::Instance, device: vk::PhysicalDevice) -> Capabilities
         missing,
         missing_feedback,
         max_storage_range: u64::from(core.limits.max_storage_buffer_range),
+        max_texels: core.limits.max_texel_buffer_elements,
         max_image_size: core.limits.max_image_dimension2_d,
         max_workgroups: core.limits.max_compute_work_group_count[0],
         linear_float32: float32

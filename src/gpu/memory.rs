@@ -16,6 +16,8 @@ pub struct Buffer {
     context: Arc<Context>,
     allocation: Option<Allocation>,
     pub(crate) handle: vk::Buffer,
+    /// View for texel fetches; null for a buffer that has none.
+    pub(crate) texels: vk::BufferView,
     /// Size in bytes.
     pub size: u64,
 }
@@ -32,7 +34,8 @@ impl Buffer {
             | vk::BufferUsageFlags::TRANSFER_DST
             | vk::BufferUsageFlags::VERTEX_BUFFER
             | vk::BufferUsageFlags::INDEX_BUFFER
-            | vk::BufferUsageFlags::INDIRECT_BUFFER;
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
         if context.feedback.is_some() {
             usage |= vk::BufferUsageFlags::TRANSFORM_FEEDBACK_BUFFER_EXT
                 | vk::BufferUsageFlags::TRANSFORM_FEEDBACK_COUNTER_BUFFER_EXT;
@@ -45,6 +48,46 @@ impl Buffer {
             )));
         }
         Self::with_usage(context, name, size.max(16), usage, MemoryLocation::GpuOnly)
+    }
+
+    /// A buffer that shaders may also read by texel fetches in `format`: what many invocations read at scattered
+    /// places, since devices (a software one above all) fetch a whole texel faster than its words one by one.
+    ///
+    /// # Errors
+    /// As [`Buffer::new`]; also when it has more texels than the device's views may have.
+    pub fn with_texels(context: &Arc<Context>, name: &str, size: u64, format: vk::Format) -> Result<Self> {
+        let texel = match format {
+            vk::Format::R32G32B32A32_SFLOAT => 16,
+            vk::Format::R32G32_UINT => 8,
+            _ => 4,
+        };
+        let limit = u64::from(context.capabilities.max_texels);
+        if size / texel > limit {
+            let (count, device) = (size / texel, &context.capabilities.name);
+            return Err(Error::Limit(format!("{name} has {count} elements, but {device} reads at most {limit}")));
+        }
+        let mut buffer = Self::new(context, name, size)?;
+        let create = vk::BufferViewCreateInfo::default().buffer(buffer.handle).format(format).range(vk::WHOLE_SIZE);
+        // SAFETY: the buffer is live and has the usage; the view is destroyed before it.
+        buffer.texels =
+            unsafe { context.device.create_buffer_view(&create, None) }.map_err(vulkan("vkCreateBufferView"))?;
+        Ok(buffer)
+    }
+
+    /// [`Buffer::with_texels`] with the given contents.
+    ///
+    /// # Errors
+    /// As [`Buffer::with_texels`].
+    pub fn texels_from_slice<T: bytemuck::NoUninit>(
+        context: &Arc<Context>,
+        name: &str,
+        data: &[T],
+        format: vk::Format,
+    ) -> Result<Self> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let buffer = Self::with_texels(context, name, bytes.len() as u64, format)?;
+        buffer.upload(bytes)?;
+        Ok(buffer)
     }
 
     fn with_usage(
@@ -77,7 +120,8 @@ impl Buffer {
         // SAFETY: the allocation is kept in the buffer for as long as the memory is bound.
         let (memory, offset) = (unsafe { allocation.memory() }, allocation.offset());
         context.count_bytes(size);
-        let buffer = Self { context: context.clone(), handle, size, allocation: Some(allocation) };
+        let texels = vk::BufferView::null();
+        let buffer = Self { context: context.clone(), handle, texels, size, allocation: Some(allocation) };
         // SAFETY: memory and offset come from the allocator for these requirements.
         unsafe { context.device.bind_buffer_memory(handle, memory, offset) }.map_err(vulkan("vkBindBufferMemory"))?;
         context.name_object(handle, name);
@@ -166,7 +210,10 @@ impl Buffer {
 impl Drop for Buffer {
     fn drop(&mut self) {
         // SAFETY: work that uses the buffer is waited for before its owner drops it.
-        unsafe { self.context.device.destroy_buffer(self.handle, None) };
+        unsafe {
+            self.context.device.destroy_buffer_view(self.texels, None);
+            self.context.device.destroy_buffer(self.handle, None);
+        }
         if let Some(allocation) = self.allocation.take() {
             // Freeing a live allocation does not fail.
             let _ = self.context.allocator().free(allocation);

@@ -178,11 +178,18 @@ impl Layout {
                 .descriptor_type(binding.kind);
             let buffers;
             let images;
+            let views;
             match (resource, binding.kind) {
                 (Resource::Buffer(buffer), vk::DescriptorType::STORAGE_BUFFER) => {
                     buffers =
                         [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
                     write = write.buffer_info(&buffers);
+                }
+                (Resource::Buffer(buffer), vk::DescriptorType::UNIFORM_TEXEL_BUFFER)
+                    if buffer.texels != vk::BufferView::null() =>
+                {
+                    views = [buffer.texels];
+                    write = write.texel_buffer_view(&views);
                 }
                 (Resource::Sampled(image, sampler), vk::DescriptorType::COMBINED_IMAGE_SAMPLER) => {
                     images = [vk::DescriptorImageInfo {

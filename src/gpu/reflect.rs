@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use ash::vk;
 use rspirv::dr::{Instruction, Module, Operand};
-use rspirv::spirv::{Decoration, ExecutionModel, Op, StorageClass, Word};
+use rspirv::spirv::{Decoration, Dim, ExecutionModel, Op, StorageClass, Word};
 
 use crate::{Error, Result};
 
@@ -199,11 +199,20 @@ impl<'a> Reader<'a> {
         let (named, kind) = match (class, kind.class.opcode) {
             (StorageClass::StorageBuffer, _) => (pointee, vk::DescriptorType::STORAGE_BUFFER),
             (StorageClass::Uniform, _) => (pointee, vk::DescriptorType::UNIFORM_BUFFER),
+            (_, Op::TypeSampledImage) if self.is_texel_buffer(kind) => {
+                (id, vk::DescriptorType::UNIFORM_TEXEL_BUFFER)
+            }
             (_, Op::TypeSampledImage) => (id, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
             (_, Op::TypeImage) => (id, vk::DescriptorType::STORAGE_IMAGE),
             _ => return None,
         };
         Some(Binding { name: (*self.names.get(&named)?).to_owned(), binding, kind })
+    }
+
+    /// Whether a sampled image is a `samplerBuffer`.
+    fn is_texel_buffer(&self, sampled: &Instruction) -> bool {
+        let image = Self::operand_id(sampled, 0).and_then(|id| self.types.get(&id));
+        image.is_some_and(|i| i.operands.get(1) == Some(&Operand::Dim(Dim::DimBuffer)))
     }
 
     fn members(&self, block: Word) -> Vec<Member> {

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use ash::vk;
+
 use super::{Receiver, Traversal};
 use crate::Result;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet};
@@ -23,20 +25,20 @@ impl CutLists {
     pub fn new(context: &Arc<Context>, pixels: u32, capacity: u32) -> Result<Self> {
         Ok(Self {
             lists: Buffer::new(context, "cut lists", u64::from(Receiver::slots(pixels)) * 8)?,
-            nodes: Buffer::new(context, "cut nodes", u64::from(capacity) * 4)?,
+            nodes: Buffer::with_texels(context, "cut nodes", u64::from(capacity) * 4, vk::Format::R32_UINT)?,
         })
     }
 
     /// The list buffers under the names that shaders use.
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
-        others.buffer("Lists", &self.lists).buffer("CutNodes", &self.nodes)
+        others.buffer("Lists", &self.lists).buffer("CutNodes", &self.nodes).buffer("cut_nodes", &self.nodes)
     }
 
     /// Records that no receiver has a list.
     pub fn clear(&self, recorder: &mut Recorder) {
         recorder.pass("clear lists", |device, commands| {
             // SAFETY: the buffer is live and was made as a copy target.
-            unsafe { device.cmd_fill_buffer(commands, self.lists.handle, 0, ash::vk::WHOLE_SIZE, 0) };
+            unsafe { device.cmd_fill_buffer(commands, self.lists.handle, 0, vk::WHOLE_SIZE, 0) };
         });
         recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
     }
@@ -171,7 +173,7 @@ impl BatchCounters {
     pub fn clear(&self, recorder: &mut Recorder) {
         recorder.pass("clear counts", |device, commands| {
             // SAFETY: the buffer is live and was made as a copy target.
-            unsafe { device.cmd_fill_buffer(commands, self.counts.handle, 0, ash::vk::WHOLE_SIZE, 0) };
+            unsafe { device.cmd_fill_buffer(commands, self.counts.handle, 0, vk::WHOLE_SIZE, 0) };
         });
         recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
     }

@@ -11,6 +11,7 @@ pub mod traverse;
 
 use std::sync::Arc;
 
+use ash::vk;
 use bytemuck::{Pod, Zeroable};
 
 use crate::Result;
@@ -110,12 +111,12 @@ pub fn sin2_of_share(share: f64) -> f32 {
     (1.0 - cosine * cosine) as f32
 }
 
-/// The hierarchy on the device.
+/// The hierarchy on the device: 40 bytes a node for the traversal (sphere, normal cone, area vector and skip), as many
+/// as the paper's node has, and 16 for the colour.
 pub struct GpuHierarchy {
     spheres: Buffer,
     cones: Buffer,
-    skips: Buffer,
-    area_vectors: Buffer,
+    areas: Buffer,
     colors: Buffer,
     /// Number of nodes.
     pub nodes: u32,
@@ -129,28 +130,34 @@ impl GpuHierarchy {
     /// Uploads a hierarchy.
     ///
     /// # Errors
-    /// [`crate::Error::Limit`] when an array is larger than the device's storage buffers.
+    /// [`crate::Error::Limit`] when an array is larger than the device's buffers.
     pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy) -> Result<Self> {
+        let four = vk::Format::R32G32B32A32_SFLOAT;
+        let areas: Vec<[f32; 4]> = hierarchy
+            .area_vectors
+            .iter()
+            .zip(&hierarchy.skips)
+            .map(|([x, y, z], skip)| [*x, *y, *z, f32::from_bits(*skip)])
+            .collect();
+        let colors: Vec<[f32; 4]> = hierarchy.colors.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]).collect();
         Ok(Self {
-            spheres: Buffer::from_slice(context, "node spheres", &hierarchy.spheres)?,
-            cones: Buffer::from_slice(context, "node cones", &hierarchy.cones)?,
-            skips: Buffer::from_slice(context, "node skips", &hierarchy.skips)?,
-            area_vectors: Buffer::from_slice(context, "node area vectors", &hierarchy.area_vectors)?,
-            colors: Buffer::from_slice(context, "node colours", &hierarchy.colors)?,
+            spheres: Buffer::texels_from_slice(context, "node spheres", &hierarchy.spheres, four)?,
+            cones: Buffer::texels_from_slice(context, "node cones", &hierarchy.cones, vk::Format::R32G32_UINT)?,
+            areas: Buffer::texels_from_slice(context, "node areas", &areas, four)?,
+            colors: Buffer::texels_from_slice(context, "node colours", &colors, four)?,
             nodes: hierarchy.skips.len() as u32,
             depth: hierarchy.depth,
-            brightest: hierarchy.colors.iter().flatten().copied().fold(0.0, f32::max),
+            brightest: hierarchy.brightest(),
         })
     }
 
     /// The node arrays under the names that shaders use.
     pub fn bindings(&self) -> Bindings<'_> {
         Bindings::new()
-            .buffer("NodeSpheres", &self.spheres)
-            .buffer("NodeCones", &self.cones)
-            .buffer("NodeSkips", &self.skips)
-            .buffer("NodeAreaVectors", &self.area_vectors)
-            .buffer("NodeColors", &self.colors)
+            .buffer("node_spheres", &self.spheres)
+            .buffer("node_cones", &self.cones)
+            .buffer("node_areas", &self.areas)
+            .buffer("node_colors", &self.colors)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use ash::vk;
+
 use super::gbuffer::GBuffer;
 use super::{ImageRegion, Receiver};
 use crate::Result;
@@ -34,8 +36,8 @@ impl Receivers {
         let pixels = tiles_x * height.div_ceil(16) * 256;
         let bytes = u64::from(Receiver::slots(pixels)) * 16;
         Ok(Self {
-            spheres: Buffer::new(context, "receiver spheres", bytes)?,
-            cones: Buffer::new(context, "receiver cones", bytes)?,
+            spheres: Buffer::with_texels(context, "receiver spheres", bytes, vk::Format::R32G32B32A32_SFLOAT)?,
+            cones: Buffer::with_texels(context, "receiver cones", bytes, vk::Format::R32G32B32A32_SFLOAT)?,
             coverage: Buffer::new(context, "coverage", u64::from(pixels / 8))?,
             pixels,
             tiles_x,
@@ -44,7 +46,11 @@ impl Receivers {
 
     /// The receiver buffers under the names that shaders use.
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
-        others.buffer("ReceiverSpheres", &self.spheres).buffer("ReceiverCones", &self.cones)
+        others
+            .buffer("ReceiverSpheres", &self.spheres)
+            .buffer("ReceiverCones", &self.cones)
+            .buffer("receiver_spheres", &self.spheres)
+            .buffer("receiver_cones", &self.cones)
     }
 
     /// Covered pixels, one bit each in Morton order, eight words a tile.
