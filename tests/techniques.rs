@@ -16,7 +16,7 @@ fn camera() -> Camera {
 
 fn cut(device: &Device, hierarchy: &Hierarchy, settings: Settings) -> Vec<CutPair> {
     let mut renderer = Renderer::new(&device.0, hierarchy, &ball(0.2), None, settings).expect("a renderer");
-    renderer.cut(&camera(), hierarchy).expect("a cut")
+    renderer.cut(&camera()).expect("a cut")
 }
 
 fn reference(device: &Device, hierarchy: &Hierarchy) -> Vec<CutPair> {

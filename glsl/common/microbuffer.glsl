@@ -1,19 +1,13 @@
 // Micro-buffers (Sabbadin 2019, 5.2, after Ritschel 2009): SIZE x SIZE micro-pixels over the unit disc, onto which the
 // hemisphere above a pixel is projected orthogonally, so that every micro-pixel has the same projected solid angle.
-//
-// An entry of the raster passes is PIXELS neighbouring receivers (a 2 x 2 block, or one pixel where every pixel has a
-// list of its own): the block's low bits tell which of its pixels this batch holds.
 layout(constant_id = 3) const uint SIZE = 24u;
-layout(constant_id = 4) const uint PIXELS = 4u;
 
+// Pixels of the batch, as receiver indices.
 layout(std430, binding = 7) readonly buffer Entries { uint entries[]; };
 layout(std430, binding = 8) readonly buffer Lists { uvec2 lists[]; };
 layout(binding = 9) uniform usamplerBuffer cut_nodes;
 
 const uint MICRO_PIXELS = SIZE * SIZE;
-
-// First word of a micro-buffer, for the chunk's `at`th entry and its `k`th pixel.
-uint microbuffer_start(uint at, uint k) { return (at * PIXELS + k) * MICRO_PIXELS; }
 
 // Tangent frame of a normal (Duff et al. 2017, Building an Orthonormal Basis, Revisited).
 void tangent_frame(vec3 n, out vec3 t, out vec3 b) {
@@ -24,7 +18,7 @@ void tangent_frame(vec3 n, out vec3 t, out vec3 b) {
     b = vec3(c, s + n.y * n.y * a, -n.y);
 }
 
-// A pixel as the raster passes see it. No pixel: a normal of zero, above whose horizon nothing lies.
+// A pixel as the raster passes see it.
 struct Site {
     vec3 position;
     vec3 normal;
@@ -32,11 +26,10 @@ struct Site {
     vec3 bitangent;
 };
 
-Site load_site(uint slot, bool wanted) {
+Site load_site(uint pixel) {
     Site site;
-    vec4 sphere = receiver_sphere(slot);
-    site.position = sphere.xyz;
-    site.normal = wanted && sphere.w >= 0.0 ? receiver_cone(slot).xyz : vec3(0.0);
+    site.position = receiver_sphere(pixel).xyz;
+    site.normal = receiver_cone(pixel).xyz;
     tangent_frame(site.normal, site.tangent, site.bitangent);
     return site;
 }
@@ -50,7 +43,7 @@ struct Footprint {
     float depth;   // distance to the node's centre, metres
 };
 
-Footprint footprint_of(Site site, vec3 centre, vec3 area_vector, float area2) {
+Footprint footprint_of(Site site, vec3 centre, vec3 area_vector) {
     Footprint footprint;
     footprint.density = 0.0;
     footprint.low = footprint.high = vec2(0.0);
@@ -61,7 +54,7 @@ Footprint footprint_of(Site site, vec3 centre, vec3 area_vector, float area2) {
     if (height <= 0.0 || facing >= 0.0) return footprint;
     precise float distance2 = exact_dot(to_node, to_node);
     precise float inverse = inversesqrt(distance2);
-    precise float inverse_area = inversesqrt(area2);
+    precise float inverse_area = inversesqrt(dot(area_vector, area_vector));
     precise float depth = distance2 * inverse;
     precise vec2 at = vec2(dot(site.tangent, to_node), dot(site.bitangent, to_node)) * inverse;
     // The solid angle of a patch: area * cosine / distance^2, less what a disc of that area loses because its rim is

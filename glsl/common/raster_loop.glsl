@@ -1,35 +1,80 @@
-// Hands every node of an entry's lists to `rasterise`, which the includer defines, once for each of its pixels. A block's
-// lists are those of the receivers that contain all of it (levels 4 to 1; each node is fetched once for all pixels),
-// then those of each pixel alone. The includer also defines `finish`, called once at the end.
+// Hands every node of a pixel's cut to `rasterise`, which the includer defines along with `finish`, called at the end.
+//
+// Lists: the traversal left lists of nodes for the receivers of all levels, and a pixel's cut is what they hold for the
+// receivers above it. Neighbouring invocations read the same lists.
+// Walk: the pixel walks the whole hierarchy itself, depth first (classic PBGI: Sabbadin 2019, 5.2, after Ritschel 2009).
+//
+// A dispatch does a bounded amount of work for each pixel and remembers how far it came: some devices end long loops
+// silently (lavapipe after 65,535 turns of all loops of a SIMD group together), others lose patience.
+layout(constant_id = 2) const bool WALK = false;
+
+// By entry of the chunk: where to go on, or FINISHED.
+layout(std430, binding = 17) buffer Cursors { uint cursors[]; };
+layout(std430, binding = 18) buffer RasterCounts {
+    uint unfinished_count; // pixels that need another dispatch
+    uint reserved;
+    uint64_t offered_count; // nodes handed to pixels
+    uint64_t drawn_count;   // those of them that cover something
+    uint64_t visited_count; // nodes visited by walks
+};
+
+const uint FINISHED = 0xffffffffu;
+// Turns of loops in one dispatch, for each pixel: eight pixels of a SIMD group stay below the limit above.
+const uint MOST_WORK = 7500u;
+
+uint work = 0u;
+uint offered = 0u;
+uint drawn = 0u;
+uint visited = 0u;
+
+void offer(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
+    offered += 1u;
+    rasterise(start, site, node, centre, area_vector);
+}
+
+// The pixel's lists from position `cursor` of all of them one after the other; returns where to go on.
+uint rasterise_lists(uint start, Site site, uint pixel, uint cursor) {
+    uint position = 0u;
+    for (uint level = 0u; level < 5u; ++level) {
+        uvec2 list = lists[level_offset(gather.pixels, level) + (pixel >> (2u * level))];
+        uint i = cursor > position ? min(cursor - position, list.y) : 0u;
+        for (; i < list.y && work < MOST_WORK; ++i) {
+            work += 1u;
+            uint node = texelFetch(cut_nodes, int(list.x + i)).x;
+            offer(start, site, node, node_sphere(node).xyz, node_area(node).vector);
+        }
+        position += i;
+        if (i < list.y) return position;
+    }
+    return FINISHED;
+}
+
+uint rasterise_walk(uint start, Site site, uint pixel, uint cursor) {
+    vec4 ball = receiver_sphere(pixel);
+    vec4 normals = receiver_cone(pixel);
+    uint end = node_skip(0u);
+    uint node = cursor;
+    while (node != end && work < MOST_WORK) {
+        work += 1u;
+        visited += 1u;
+        Area area = node_area(node);
+        uint action = decide(node, area, 0u, ball, normals, gather.stop_sin2);
+        if (action == STOP) offer(start, site, node, node_sphere(node).xyz, area.vector);
+        node = action == DESCEND ? node + 1u : area.skip;
+    }
+    return node == end ? FINISHED : node;
+}
+
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= gather.entry_count) return;
-    uint entry = entries[gather.first_entry + at];
-    uint block = PIXELS == 1u ? entry : entry >> 4u;
-    Site sites[PIXELS];
-    [[unroll]] for (uint k = 0u; k < PIXELS; ++k) {
-        sites[k] = load_site(block * PIXELS + k, PIXELS == 1u || (entry & (1u << k)) != 0u);
-    }
-    const uint shared_levels = PIXELS == 1u ? 5u : 4u;
-    const uint steps = PIXELS == 1u ? 5u : 8u;
-    for (uint step = 0u; step < steps; ++step) {
-        bool alone = step >= shared_levels;
-        uint level = alone ? 0u : 4u - step;
-        uint own = step - shared_levels;
-        uint pixel = block * PIXELS + (alone ? own : 0u);
-        uvec2 list = lists[level_offset(gather.pixels, level) + (pixel >> (2u * level))];
-        for (uint i = 0u; i < list.y; ++i) {
-            uint node = texelFetch(cut_nodes, int(list.x + i)).x;
-            vec3 centre = node_sphere(node).xyz;
-            vec3 area_vector = node_area(node).vector;
-            float area2 = dot(area_vector, area_vector);
-            [[unroll]] for (uint k = 0u; k < PIXELS; ++k) {
-                if (!alone || own == k) {
-                    uint start = microbuffer_start(at, k);
-                    rasterise(start, sites[k], node, centre, area_vector, area2);
-                }
-            }
-        }
-    }
+    uint cursor = cursors[at];
+    if (cursor == FINISHED) return;
+    uint pixel = entries[gather.first_entry + at];
+    Site site = load_site(pixel);
+    uint start = at * MICRO_PIXELS;
+    cursor = WALK ? rasterise_walk(start, site, pixel, cursor) : rasterise_lists(start, site, pixel, cursor);
+    cursors[at] = cursor;
+    if (cursor != FINISHED && gather.last_round != 0u) atomicAdd(unfinished_count, 1u);
     finish();
 }

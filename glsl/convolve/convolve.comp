@@ -19,7 +19,7 @@ layout(constant_id = 9) const uint SUBSAMPLES = 1u;       // BRDF evaluations al
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 10) readonly buffer Nearest { uint64_t nearest[]; };
-layout(std430, binding = 11) readonly buffer Sums { uint64_t sums[]; };
+layout(binding = 11) uniform usamplerBuffer sums;
 layout(binding = 12, rgba16f) uniform readonly image2D store;
 // Direction of the middle of a micro-pixel's part inside the disc, and that part's area (1 where it is whole). Only
 // the micro-pixels that the disc touches, with their index.
@@ -65,15 +65,13 @@ vec3 micro_radiance(uint at, uint micro, float whole) {
         uint64_t key = nearest[at + micro];
         return uint(key >> 32) < 0x7f7fffffu ? node_color(uint(key)) : vec3(-1.0);
     }
-    uint64_t red_green = sums[2u * (at + micro)];
-    uint64_t blue_coverage = sums[2u * (at + micro) + 1u];
-    float coverage = float(uint(blue_coverage)) / COVERAGE_ONE;
+    uvec4 sum = texelFetch(sums, int(at + micro));
+    float coverage = float(sum.a) / COVERAGE_ONE;
     if (coverage == 0.0) return vec3(-1.0);
     if (coverage > gather.coverage_limit) overflowed = 1u;
-    vec3 sum = vec3(float(uint(red_green >> 32)), float(uint(red_green)), float(uint(blue_coverage >> 32)));
     float share = coverage / whole;
     float divisor = share < PLAIN_LOW || share > PLAIN_HIGH ? coverage : whole;
-    return sum / (gather.color_scale * divisor);
+    return vec3(sum.rgb) / (gather.color_scale * divisor);
 }
 
 vec3 reflectance(Surface surface, vec3 normal, vec3 light, vec3 view) {
@@ -111,15 +109,12 @@ uint even_bits(uint code) {
 
 void main() {
     uint at = gl_GlobalInvocationID.x;
-    if (at >= gather.entry_count * PIXELS) return;
-    uint entry = entries[gather.first_entry + at / PIXELS];
-    uint k = at % PIXELS;
-    if (PIXELS > 1u && (entry & (1u << k)) == 0u) return;
-    uint pixel = PIXELS == 1u ? entry : (entry >> 4u) * PIXELS + k;
+    if (at >= gather.entry_count) return;
+    uint pixel = entries[gather.first_entry + at];
     uint tile = pixel >> 8u;
     ivec2 texel = ivec2(uvec2(tile % gather.tiles_x, tile / gather.tiles_x) * 16u
                         + uvec2(even_bits(pixel), even_bits((pixel & 0xffu) >> 1u)));
-    Site site = load_site(pixel, true);
+    Site site = load_site(pixel);
     vec4 base_metallic = texelFetch(base_metallic_map, texel, 0);
     vec4 emissive_roughness = texelFetch(emissive_roughness_map, texel, 0);
     Surface surface = Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, emissive_roughness.a,
@@ -129,7 +124,7 @@ void main() {
     float view_cosine = dot(view, site.normal);
     if (view_cosine < 1e-3) view = normalize(view + site.normal * (1e-3 - view_cosine));
 
-    uint start = microbuffer_start(at / PIXELS, k);
+    uint start = at * MICRO_PIXELS;
     const float cell_area = 4.0 / float(MICRO_PIXELS); // of the disc, whose area is pi
     vec3 radiance = vec3(0.0);
     for (uint m = 0u; m < micro_directions.length(); ++m) {

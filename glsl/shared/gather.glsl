@@ -11,5 +11,7 @@ layout(push_constant) uniform Gather {
     uint tiles_x;       // 16 x 16 tiles in a row of the image region
     float material_parameter; // diffuse: albedo; metal: GGX alpha
     uint far_field_height; // texels; 0 where there is no far field
+    float stop_sin2;    // as in traversal.glsl, for classic's walk
+    uint last_round;    // 1 in the last dispatch that a raster pass gets for this chunk
     uint store_columns; // micro-buffers in a row of the paper's image store
 } gather;

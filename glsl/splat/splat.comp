@@ -7,7 +7,6 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
-#extension GL_EXT_control_flow_attributes : require
 #include "shared/gather.glsl"
 #include "common/hierarchy.glsl"
 #include "common/receivers.glsl"
@@ -21,10 +20,9 @@ layout(local_size_x = 32) in;
 
 layout(std430, binding = 10) buffer Nearest { uint64_t nearest[]; };
 layout(binding = 12, rgba16f) uniform image2D store;
-// Nodes handed to pixels, and those of them that may cover something.
-layout(std430, binding = 16) buffer RasterCounts { uint64_t offered_count; uint64_t drawn_count; };
-uint offered = 0u;
-uint drawn = 0u;
+void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector);
+void finish();
+#include "common/raster_loop.glsl"
 
 void put(uint start, uint x, uint y, float depth, uint node) {
     if (IMAGE_STORE) {
@@ -46,7 +44,7 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
     precise float distance2 = exact_dot(to_node, to_node);
     float radius = node_sphere(node).w;
     Cone cone = node_cone(node);
-    if (site.normal == vec3(0.0) || pixel_discards(to_node, distance2, site.normal, radius, cone, 0.0)) return;
+    if (pixel_discards(to_node, distance2, site.normal, radius, cone, 0.0)) return;
     drawn += 1u;
     float centre_distance = sqrt(distance2);
     bool inside = centre_distance <= radius;
@@ -65,6 +63,7 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
     }
     ivec2 first = ivec2(clamp(floor((low * 0.5 + 0.5) * float(SIZE)), 0.0, float(SIZE) - 1.0));
     ivec2 last = ivec2(clamp(floor((high * 0.5 + 0.5) * float(SIZE)), 0.0, float(SIZE) - 1.0));
+    work += uint((last.x - first.x + 2) * (last.y - first.y + 1));
     for (int y = first.y; y <= last.y; ++y) {
         for (int x = first.x; x <= last.x; ++x) {
             vec2 disc = (vec2(x, y) + 0.5) * (2.0 / float(SIZE)) - 1.0;
@@ -80,29 +79,28 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
     }
 }
 
-void rasterise_box(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
-    Footprint footprint = footprint_of(site, centre, area_vector, area2);
+void rasterise_box(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
+    Footprint footprint = footprint_of(site, centre, area_vector);
     if (footprint.density <= 0.0) return;
     drawn += 1u;
     ivec2 first = ivec2(clamp(ceil(footprint.low - 0.5), 0.0, float(SIZE)));
     ivec2 last = ivec2(clamp(floor(footprint.high - 0.5), -1.0, float(SIZE) - 1.0));
+    work += uint(max(last.x - first.x + 2, 0) * max(last.y - first.y + 1, 0));
     for (int y = first.y; y <= last.y; ++y) {
         for (int x = first.x; x <= last.x; ++x) put(start, uint(x), uint(y), footprint.depth, node);
     }
 }
 
-void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
-    offered += 1u;
+void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
     if (RAY_SPHERE) {
         rasterise_sphere(start, site, node, centre);
     } else {
-        rasterise_box(start, site, node, centre, area_vector, area2);
+        rasterise_box(start, site, node, centre, area_vector);
     }
 }
 
 void finish() {
     atomicAdd(offered_count, uint64_t(offered));
     atomicAdd(drawn_count, uint64_t(drawn));
+    atomicAdd(visited_count, uint64_t(visited));
 }
-
-#include "common/raster_loop.glsl"

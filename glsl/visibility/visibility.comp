@@ -8,10 +8,10 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
-#extension GL_EXT_control_flow_attributes : require
 #include "shared/gather.glsl"
 #include "common/hierarchy.glsl"
 #include "common/receivers.glsl"
+#include "common/cut.glsl"
 #include "common/microbuffer.glsl"
 
 layout(local_size_x = 32) in;
@@ -19,11 +19,6 @@ layout(local_size_x = 32) in;
 layout(std430, binding = 10) buffer Nearest { uint64_t nearest[]; };
 // The same words by halves: the depth is the high one.
 layout(std430, binding = 10) readonly buffer NearestHalves { uint nearest_halves[]; };
-// Nodes handed to pixels, and those of them that cover something.
-layout(std430, binding = 16) buffer RasterCounts { uint64_t offered_count; uint64_t drawn_count; };
-uint offered = 0u;
-uint drawn = 0u;
-
 void hide(uint at, uint depth, uint node) {
     // Reading first saves most of the atomics.
     if (depth <= nearest_halves[2u * at + 1u]) {
@@ -31,9 +26,12 @@ void hide(uint at, uint depth, uint node) {
     }
 }
 
-void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, float area2) {
-    Footprint footprint = footprint_of(site, centre, area_vector, area2);
-    offered += 1u;
+void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector);
+void finish();
+#include "common/raster_loop.glsl"
+
+void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
+    Footprint footprint = footprint_of(site, centre, area_vector);
     if (footprint.density <= 0.0) return;
     drawn += 1u;
     uint depth = floatBitsToUint(footprint.depth);
@@ -41,15 +39,14 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, 
     uvec2 home = uvec2(clamp(middle, vec2(0.0), vec2(float(SIZE) - 1.0)));
     hide(start + home.y * SIZE + home.x, depth, node);
     // Boxes narrower than a micro-pixel hold no centre but that of their home.
-    ivec2 first = ivec2(clamp(ceil(footprint.low - 0.5), 0.0, float(SIZE)));
-    ivec2 last = ivec2(clamp(floor(footprint.high - 0.5), -1.0, float(SIZE) - 1.0));
-    ivec2 count = max(last - first + 1, ivec2(0));
-    int cells = count.x * count.y;
-    if (cells > 1) {
-        for (int cell = 0; cell < cells; ++cell) {
-            uint x = uint(first.x + cell % count.x);
-            uint y = uint(first.y + cell / count.x);
-            hide(start + y * SIZE + x, depth, node);
+    uvec2 first = uvec2(clamp(ceil(footprint.low - 0.5), vec2(0.0), vec2(float(SIZE))));
+    uvec2 end = uvec2(clamp(floor(footprint.high + 0.5), vec2(0.0), vec2(float(SIZE))));
+    uvec2 count = max(end, first) - first;
+    uint cells = count.x * count.y;
+    if (cells > 1u) {
+        work += cells;
+        for (uint cell = 0u; cell < cells; ++cell) {
+            hide(start + (first.y + cell / count.x) * SIZE + first.x + cell % count.x, depth, node);
         }
     }
 }
@@ -57,6 +54,5 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector, 
 void finish() {
     atomicAdd(offered_count, uint64_t(offered));
     atomicAdd(drawn_count, uint64_t(drawn));
+    atomicAdd(visited_count, uint64_t(visited));
 }
-
-#include "common/raster_loop.glsl"

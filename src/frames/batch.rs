@@ -30,24 +30,6 @@ impl Coverage {
         receivers.iter().map(|r| self.pixels(*r).count() as u64).sum()
     }
 
-    /// Entries of the raster passes: blocks of 2 x 2 pixels, index in the high bits and the pixels wanted in the low
-    /// four.
-    pub(super) fn blocks(&self, receivers: &[Receiver]) -> Vec<u32> {
-        let mut blocks: Vec<u32> = Vec::new();
-        for receiver in receivers {
-            let mut last = None;
-            for pixel in self.pixels(*receiver) {
-                let bit = 1 << (pixel & 3);
-                match blocks.last_mut() {
-                    Some(block) if last == Some(pixel >> 2) => *block |= bit,
-                    _ => blocks.push(pixel >> 2 << 4 | bit),
-                }
-                last = Some(pixel >> 2);
-            }
-        }
-        blocks
-    }
-
     /// Two halves of a batch that overflowed, or the covered parts of its only receiver; empty when that is a pixel.
     pub(super) fn split(&self, batch: &[Receiver]) -> Vec<Vec<Receiver>> {
         match batch {
@@ -76,16 +58,6 @@ mod tests {
         words[0] = 0b1001_0000_0000_0110;
         words[7] = 1 << 31;
         Coverage(vec![[0; 8], words])
-    }
-
-    #[test]
-    fn blocks_hold_each_covered_pixel_once() {
-        let coverage = coverage();
-        let tiles = coverage.tiles();
-        assert_eq!(tiles, [Receiver::new(4, 1)]);
-        assert_eq!(coverage.count(&tiles), 5);
-        let blocks = coverage.blocks(&tiles);
-        assert_eq!(blocks, [64 << 4 | 0b0110, 67 << 4 | 0b1001, 127 << 4 | 0b1000]);
     }
 
     #[test]

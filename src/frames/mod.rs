@@ -2,7 +2,6 @@
 //! that fit a memory budget.
 
 mod batch;
-mod classic;
 mod feedback;
 mod plan;
 mod renderer;

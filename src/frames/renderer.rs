@@ -7,20 +7,19 @@ use ash::vk;
 use glam::Vec3;
 
 use super::batch::Coverage;
-use super::classic::Classic;
 use super::feedback::Feedback;
 use super::plan::Plan;
-use super::{Frame, FrameStats, Settings, Technique, classic, feedback};
-use crate::gpu::pipeline::{DescriptorSet, Sampler};
-use crate::gpu::{Buffer, Context, Recorder, Use};
+use super::{Frame, FrameStats, Settings, Technique, feedback};
+use crate::gpu::pipeline::Sampler;
+use crate::gpu::{Bindings, Buffer, Context, Recorder, Use};
 use crate::passes::bin::CutLists;
 use crate::passes::convolve::{ConvolvePass, GpuFarField};
 use crate::passes::gbuffer::{GBuffer, GBufferPass, Rect, View};
-use crate::passes::rasterise::{MicroBuffers, RasterInfo, RasterPass};
+use crate::passes::rasterise::{MicroBuffers, RasterCounts, RasterInfo, RasterPass};
 use crate::passes::receivers::{ReceiverPass, Receivers};
+use crate::passes::trace::TracePass;
 use crate::passes::{Gather, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
-use crate::reference::cut;
 use crate::scene::{Camera, FarField, Object};
 use crate::{Error, Result};
 
@@ -37,10 +36,10 @@ pub(super) struct Region {
 pub(super) struct Batch {
     /// Where it starts.
     pub(super) receivers: Vec<Receiver>,
-    /// Entries of the raster passes: blocks, or pixels for classic.
-    pub(super) entries: Vec<u32>,
+    /// Its covered pixels.
+    pixels: Vec<u32>,
     /// The same on the device.
-    pub(super) entry_buffer: Buffer,
+    entries: Buffer,
 }
 
 /// How a batch's traversal ended.
@@ -49,18 +48,6 @@ pub(super) enum Outcome {
     Done,
     /// Something did not fit; the batch is void.
     Overflowed,
-    /// Not even one pixel fits.
-    TooSmall {
-        /// Nodes that it needs.
-        needed: u64,
-        /// Nodes that there is room for.
-        capacity: u32,
-    },
-}
-
-enum Traverser {
-    Classic(Classic),
-    Feedback(Feedback),
 }
 
 /// One node that one pixel rasterises.
@@ -83,11 +70,14 @@ pub struct Renderer {
     far_field: GpuFarField,
     gbuffer: GBufferPass,
     receivers: ReceiverPass,
-    traverser: Traverser,
+    /// None for classic, whose raster passes walk the hierarchy themselves.
+    traverser: Option<Feedback>,
     raster_info: RasterInfo,
     raster: RasterPass,
     micro_buffers: MicroBuffers,
     raster_counts: Buffer,
+    /// Dispatches that a chunk's raster passes are given; grows when they do not suffice.
+    rounds: u32,
     convolve: ConvolvePass,
     nearest: Sampler,
 }
@@ -122,19 +112,15 @@ impl Renderer {
         let far_field = GpuFarField::new(context, far_field)?;
         let raster_info = RasterInfo {
             size: settings.microbuffer,
-            pixels_per_entry: if feedback { 4 } else { 1 },
+            walk: !feedback,
             paper: settings.paper,
         };
         let convolve = ConvolvePass::new(context, raster_info, settings.material)?;
         let scene_bytes = context.bytes_now() - before;
-        let bytes_per_pair =
-            if feedback { feedback::bytes_per_pair(settings.technique) } else { classic::BYTES_PER_NODE };
+        let bytes_per_pair = feedback::bytes_per_pair(settings.technique);
         let plan = Plan::new(context, &settings, raster_info, scene_bytes, bytes_per_pair)?;
-        let traverser = if feedback {
-            Traverser::Feedback(Feedback::new(context, &settings, &hierarchy, plan.pairs)?)
-        } else {
-            Traverser::Classic(Classic::new(context, &settings, plan.pairs)?)
-        };
+        let traverser =
+            feedback.then(|| Feedback::new(context, &settings, &hierarchy, plan.pairs)).transpose()?;
         let image_pixels = settings.width.next_multiple_of(16) * settings.height.next_multiple_of(16);
         let (low, high) = object.bounds();
         Ok(Self {
@@ -143,7 +129,8 @@ impl Renderer {
             receivers: ReceiverPass::new(context)?,
             raster: RasterPass::new(context, raster_info)?,
             micro_buffers: MicroBuffers::new(context, raster_info, plan.micro_pixels.min(image_pixels))?,
-            raster_counts: Buffer::new(context, "raster counts", 16)?,
+            raster_counts: Buffer::new(context, "raster counts", size_of::<RasterCounts>() as u64)?,
+            rounds: 1,
             nearest: Sampler::new(context, vk::Filter::NEAREST, vk::SamplerAddressMode::CLAMP_TO_EDGE)?,
             settings,
             plan,
@@ -177,37 +164,28 @@ impl Renderer {
         }
     }
 
-    /// Every [node, pixel] pair that a frame rasterises, sorted: for tests and for looking at cuts. `hierarchy` is the
-    /// one that the renderer was made with. A receiver's list holds nodes that only some of its pixels see; here, as in
-    /// the raster passes, each pixel leaves out what covers nothing of its own hemisphere.
+    /// Every [node, pixel] pair that a frame's raster passes cover something with, sorted: for tests and for looking at
+    /// cuts.
     ///
     /// # Errors
     /// As [`Renderer::render`].
-    pub fn cut(&mut self, camera: &Camera, hierarchy: &Hierarchy) -> Result<Vec<CutPair>> {
+    pub fn cut(&mut self, camera: &Camera) -> Result<Vec<CutPair>> {
+        let trace = TracePass::new(&self.context, self.raster_info, 512)?;
+        let width = self.settings.width;
         let mut pairs = Vec::new();
         let mut stats = FrameStats::default();
-        let width = self.settings.width;
         for rect in self.regions() {
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
-            self.each_batch(&region, &coverage, &mut stats, |_, batch, _| {
-                let lists: Vec<[u32; 2]> =
-                    region.lists.lists.download(Receiver::slots(region.receivers.pixels) as usize)?;
-                let nodes: Vec<u32> = region.lists.nodes.download((region.lists.nodes.size / 4) as usize)?;
-                let slots = region.receivers.pixels as usize;
-                let positions: Vec<[f32; 4]> = region.receivers.spheres.download(slots)?;
-                let normals: Vec<[f32; 4]> = region.receivers.cones.download(slots)?;
-                let three = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
-                for pixel in batch.receivers.iter().flat_map(|r| coverage.pixels(*r)) {
-                    let at = region.pixel_of(pixel, width);
-                    let (position, normal) = (three(positions[pixel as usize]), three(normals[pixel as usize]));
-                    for level in 0..=Receiver::TILE_LEVEL {
-                        let receiver = Receiver::new(level, pixel >> (2 * level));
-                        let [offset, length] = lists[receiver.slot(region.receivers.pixels) as usize];
-                        let list = &nodes[offset as usize..(offset + length) as usize];
-                        let seen = list.iter().filter(|n| cut::covers(hierarchy, **n as usize, position, normal));
-                        pairs.extend(seen.map(|node| CutPair { pixel: at, node: *node }));
-                    }
+            self.each_batch(&region, &coverage, &mut stats, |renderer, batch, _| {
+                let bindings = renderer.shading_bindings(&region, batch);
+                let total = batch.pixels.len() as u32;
+                for first in (0..total).step_by(trace.chunk as usize) {
+                    let count = trace.chunk.min(total - first);
+                    let constants = renderer.gather(&region, camera, COVERAGE_LIMIT, first, count);
+                    let traced = trace.run(&bindings, constants)?;
+                    let at = |slot| region.pixel_of(slot, width);
+                    pairs.extend(traced.into_iter().map(|[slot, node]| CutPair { pixel: at(slot), node }));
                 }
                 Ok(())
             })?;
@@ -255,7 +233,7 @@ impl Renderer {
         };
         let mut stats = FrameStats::default();
         let mut wall = std::time::Duration::ZERO;
-        self.raster_counts.upload(&[0; 16])?;
+        self.raster_counts.upload(bytemuck::bytes_of(&RasterCounts::default()))?;
         for rect in self.regions() {
             let started = Instant::now();
             let region = self.prepare_region(camera, rect, &mut stats)?;
@@ -274,11 +252,15 @@ impl Renderer {
             wall += started.elapsed();
             self.collect(&region, &mut frame)?;
         }
-        let counts: Vec<u64> = self.raster_counts.download(2)?;
-        let raster = if self.raster_info.paper.one_node() { "splat" } else { "visibility" };
-        stats.profile.count(raster, "pairs_in", counts[0]);
-        stats.profile.count(raster, "rasterised_nodes", counts[1]);
-        stats.rasterised_nodes = counts[1];
+        let counts = self.raster_counts.download::<RasterCounts>(1)?[0];
+        let raster = self.raster.counting_pass();
+        stats.profile.count(raster, "pairs_in", counts.offered);
+        stats.profile.count(raster, "rasterised_nodes", counts.drawn);
+        if self.traverser.is_none() {
+            stats.profile.count(raster, "visited_nodes", counts.visited);
+        }
+        stats.rasterised_nodes = counts.drawn;
+        stats.visited_pairs += counts.visited;
         stats.microbuffer_bytes =
             u64::from(self.micro_buffers.pixels) * self.raster_info.bytes_per_pixel();
         stats.device_bytes_peak = self.context.bytes_peak();
@@ -344,11 +326,10 @@ impl Renderer {
         stats: &mut FrameStats,
         mut finish: impl FnMut(&mut Self, &Batch, &mut FrameStats) -> Result<()>,
     ) -> Result<()> {
-        let share = self.settings.stop / f64::from(self.settings.microbuffer * self.settings.microbuffer);
         let switch = self.settings.switch / f64::from(self.settings.microbuffer * self.settings.microbuffer);
         let constants = Traversal {
             pixels: region.receivers.pixels,
-            stop_sin2: sin2_of_share(share),
+            stop_sin2: self.stop_sin2(),
             switch_sin2: sin2_of_share(switch),
             capacity: 0,
         };
@@ -361,25 +342,16 @@ impl Renderer {
                 Some(batch) => batch,
                 None if tiles.is_empty() => return Ok(()),
                 None => {
-                    let wanted = match &self.traverser {
-                        Traverser::Feedback(feedback) => feedback.batch_tiles(),
-                        Traverser::Classic(classic) => (classic.batch_pixels() / 256).max(1),
-                    };
+                    let wanted = self.traverser.as_ref().map_or(tiles.len(), Feedback::batch_tiles);
                     let mut batch = tiles.split_off(tiles.len().saturating_sub(wanted));
                     batch.reverse();
                     batch
                 }
             };
-            if let Traverser::Classic(classic) = &self.traverser
-                && coverage.count(&receivers) > classic.batch_pixels() as u64
-            {
-                ready.extend(coverage.split(&receivers).into_iter().rev());
-                continue;
-            }
             let batch = self.batch(coverage, receivers)?;
             let outcome = match &mut self.traverser {
-                Traverser::Classic(classic) => classic.cut(&self.hierarchy, region, &batch, constants, stats)?,
-                Traverser::Feedback(feedback) => feedback.cut(&self.hierarchy, region, &batch, constants, stats)?,
+                None => Outcome::Done,
+                Some(traverser) => traverser.cut(&self.hierarchy, region, &batch, constants, stats)?,
             };
             match outcome {
                 Outcome::Done => {
@@ -388,11 +360,7 @@ impl Renderer {
                 }
                 Outcome::Overflowed => {
                     stats.splits += 1;
-                    let parts = match &self.traverser {
-                        // Its lists have grown; the batch is cut to their size when it comes up again.
-                        Traverser::Classic(_) => vec![batch.receivers],
-                        Traverser::Feedback(_) => coverage.split(&batch.receivers),
-                    };
+                    let parts = coverage.split(&batch.receivers);
                     if parts.is_empty() {
                         return Err(Error::Limit(format!(
                             "the pairs of a single pixel do not fit {} of them; raise the memory budget",
@@ -401,27 +369,19 @@ impl Renderer {
                     }
                     ready.extend(parts.into_iter().rev());
                 }
-                Outcome::TooSmall { needed, capacity } => {
-                    return Err(Error::Limit(format!(
-                        "a pixel's cut has {needed} nodes, but there is room for {capacity}; raise the memory budget"
-                    )));
-                }
             }
         }
     }
 
     fn batch(&self, coverage: &Coverage, receivers: Vec<Receiver>) -> Result<Batch> {
-        let entries = match &self.traverser {
-            Traverser::Classic(_) => receivers.iter().flat_map(|r| coverage.pixels(*r)).collect(),
-            Traverser::Feedback(_) => coverage.blocks(&receivers),
-        };
-        let entry_buffer = Buffer::from_slice(&self.context, "entries", &entries)?;
-        Ok(Batch { receivers, entries, entry_buffer })
+        let pixels: Vec<u32> = receivers.iter().flat_map(|r| coverage.pixels(*r)).collect();
+        let entries = Buffer::from_slice(&self.context, "entries", &pixels)?;
+        Ok(Batch { receivers, pixels, entries })
     }
 
     /// Micro-buffers and image of a batch, chunk by chunk: the passes after the traversal, in order.
     fn shade(
-        &self,
+        &mut self,
         region: &Region,
         batch: &Batch,
         camera: &Camera,
@@ -429,56 +389,87 @@ impl Renderer {
         stats: &mut FrameStats,
         progress: &mut dyn FnMut(u64),
     ) -> Result<()> {
-        let per_entry = self.raster_info.pixels_per_entry;
-        let chunk = (self.micro_buffers.pixels / per_entry).max(1);
-        let (raster_sets, convolve_set) = self.bind_shading(region, batch)?;
-        let brightest = self.hierarchy.brightest.max(f32::MIN_POSITIVE);
-        let total = batch.entries.len() as u32;
+        let chunk = self.micro_buffers.pixels;
+        let total = batch.pixels.len() as u32;
         let starts: Vec<u32> = (0..total).step_by(chunk as usize).collect();
         for group in starts.chunks(CHUNKS_PER_SUBMISSION) {
-            let mut recorder = Recorder::new(&self.context)?;
-            for first in group {
-                let constants = Gather {
-                    pixels: region.receivers.pixels,
-                    first_entry: *first,
-                    entry_count: chunk.min(total - first),
-                    // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest colour, and one to spare.
-                    color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * f64::from(brightest))) as f32,
-                    eye: camera.from.into(),
-                    coverage_limit,
-                    width: region.rect.width,
-                    height: region.rect.height,
-                    tiles_x: region.receivers.tiles_x,
-                    material_parameter: self.settings.material.parameter(),
-                    far_field_height: self.far_field.height,
-                    store_columns: self.micro_buffers.columns(),
-                };
-                // Empty micro-buffers.
-                self.micro_buffers.clear(&mut recorder, constants.entry_count * per_entry);
-                // The cut's nodes in them.
-                self.raster.record(&mut recorder, &raster_sets, constants)?;
-                // Times the BRDF.
-                self.convolve.record(&mut recorder, &convolve_set, constants)?;
+            while !self.shade_chunks(region, batch, camera, coverage_limit, group, stats)? {
+                self.rounds *= 2;
             }
-            recorder.finish(&mut stats.profile)?;
-            let done = group.last().map_or(0, |first| (first + chunk).min(total));
-            progress(u64::from(done) * u64::from(per_entry));
+            progress(u64::from(group.last().map_or(0, |first| (first + chunk).min(total))));
         }
         Ok(())
     }
 
-    fn bind_shading(&self, region: &Region, batch: &Batch) -> Result<(Vec<DescriptorSet>, DescriptorSet)> {
+    /// One submission of [`Renderer::shade`]; false when the raster passes need more rounds, and nothing counts then.
+    fn shade_chunks(
+        &self,
+        region: &Region,
+        batch: &Batch,
+        camera: &Camera,
+        coverage_limit: f32,
+        starts: &[u32],
+        stats: &mut FrameStats,
+    ) -> Result<bool> {
+        let bindings = self.shading_bindings(region, batch);
+        let raster_sets = self.raster.bind(&bindings, &self.micro_buffers)?;
+        let convolve_set = self.convolve.bind(bindings, &self.far_field)?;
+        let before: RasterCounts = self.raster_counts.download(1)?[0];
+        let mut recorder = Recorder::new(&self.context)?;
+        for first in starts {
+            let count = self.micro_buffers.pixels.min(batch.pixels.len() as u32 - first);
+            let constants = self.gather(region, camera, coverage_limit, *first, count);
+            // Empty micro-buffers.
+            self.micro_buffers.clear(&mut recorder, count);
+            // The cut's nodes in them.
+            self.raster.record(&mut recorder, &raster_sets, constants, self.rounds)?;
+            // Times the BRDF.
+            self.convolve.record(&mut recorder, &convolve_set, constants)?;
+        }
+        recorder.finish(&mut stats.profile)?;
+        let after: RasterCounts = self.raster_counts.download(1)?[0];
+        let done = after.unfinished == before.unfinished;
+        if !done {
+            self.raster_counts.upload(bytemuck::bytes_of(&before))?;
+        }
+        Ok(done)
+    }
+
+    fn gather(&self, region: &Region, camera: &Camera, coverage_limit: f32, first: u32, count: u32) -> Gather {
+        let brightest = f64::from(self.hierarchy.brightest.max(f32::MIN_POSITIVE));
+        Gather {
+            pixels: region.receivers.pixels,
+            first_entry: first,
+            entry_count: count,
+            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest colour, and one to spare.
+            color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
+            eye: camera.from.into(),
+            coverage_limit,
+            width: region.rect.width,
+            height: region.rect.height,
+            tiles_x: region.receivers.tiles_x,
+            material_parameter: self.settings.material.parameter(),
+            far_field_height: self.far_field.height,
+            stop_sin2: self.stop_sin2(),
+            last_round: 0,
+            store_columns: self.micro_buffers.columns(),
+        }
+    }
+
+    fn stop_sin2(&self) -> f32 {
+        sin2_of_share(self.settings.stop / f64::from(self.settings.microbuffer * self.settings.microbuffer))
+    }
+
+    fn shading_bindings<'a>(&'a self, region: &'a Region, batch: &'a Batch) -> Bindings<'a> {
         let nodes = region.receivers.bindings(self.hierarchy.bindings());
-        let bindings = self
-            .micro_buffers
+        self.micro_buffers
             .bindings(region.lists.bindings(nodes))
-            .buffer("Entries", &batch.entry_buffer)
+            .buffer("Entries", &batch.entries)
             .buffer("RasterCounts", &self.raster_counts)
             .buffer("OutputImage", &region.output)
             .sampled("normal_map", &region.gbuffer.normal, self.nearest.handle)
             .sampled("base_metallic_map", &region.gbuffer.base_metallic, self.nearest.handle)
-            .sampled("emissive_roughness_map", &region.gbuffer.emissive_roughness, self.nearest.handle);
-        Ok((self.raster.bind(&bindings)?, self.convolve.bind(bindings, &self.far_field)?))
+            .sampled("emissive_roughness_map", &region.gbuffer.emissive_roughness, self.nearest.handle)
     }
 
     /// Reads a finished region into the frame.

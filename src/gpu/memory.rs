@@ -35,7 +35,8 @@ impl Buffer {
             | vk::BufferUsageFlags::VERTEX_BUFFER
             | vk::BufferUsageFlags::INDEX_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
-            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER;
+            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER
+            | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER;
         if context.feedback.is_some() {
             usage |= vk::BufferUsageFlags::TRANSFORM_FEEDBACK_BUFFER_EXT
                 | vk::BufferUsageFlags::TRANSFORM_FEEDBACK_COUNTER_BUFFER_EXT;
@@ -57,7 +58,7 @@ impl Buffer {
     /// As [`Buffer::new`]; also when it has more texels than the device's views may have.
     pub fn with_texels(context: &Arc<Context>, name: &str, size: u64, format: vk::Format) -> Result<Self> {
         let texel = match format {
-            vk::Format::R32G32B32A32_SFLOAT => 16,
+            vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
             vk::Format::R32G32_UINT => 8,
             _ => 4,
         };

@@ -185,8 +185,10 @@ impl Layout {
                         [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
                     write = write.buffer_info(&buffers);
                 }
-                (Resource::Buffer(buffer), vk::DescriptorType::UNIFORM_TEXEL_BUFFER)
-                    if buffer.texels != vk::BufferView::null() =>
+                (
+                    Resource::Buffer(buffer),
+                    vk::DescriptorType::UNIFORM_TEXEL_BUFFER | vk::DescriptorType::STORAGE_TEXEL_BUFFER,
+                ) if buffer.texels != vk::BufferView::null() =>
                 {
                     views = [buffer.texels];
                     write = write.texel_buffer_view(&views);

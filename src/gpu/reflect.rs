@@ -203,6 +203,9 @@ impl<'a> Reader<'a> {
                 (id, vk::DescriptorType::UNIFORM_TEXEL_BUFFER)
             }
             (_, Op::TypeSampledImage) => (id, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
+            (_, Op::TypeImage) if kind.operands.get(1) == Some(&Operand::Dim(Dim::DimBuffer)) => {
+                (id, vk::DescriptorType::STORAGE_TEXEL_BUFFER)
+            }
             (_, Op::TypeImage) => (id, vk::DescriptorType::STORAGE_IMAGE),
             _ => return None,
         };

@@ -178,7 +178,6 @@ pub struct ConvolvePass {
     indices: Buffer,
     directions: Buffer,
     overflowed: Buffer,
-    pixels_per_entry: u32,
 }
 
 impl ConvolvePass {
@@ -187,10 +186,8 @@ impl ConvolvePass {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn new(context: &Arc<Context>, info: RasterInfo, material: MaterialChoice) -> Result<Self> {
-        let [size, pixels] = info.constants();
         let constants = [
-            size,
-            pixels,
+            Constant::new(3, info.size),
             Constant::new(5, info.paper.one_node()),
             Constant::new(6, info.paper.image),
             Constant::new(7, info.paper.weights),
@@ -203,7 +200,6 @@ impl ConvolvePass {
             indices: Buffer::from_slice(context, "micro-pixel indices", &micro.indices)?,
             directions: Buffer::from_slice(context, "micro-pixel directions", &micro.directions)?,
             overflowed: Buffer::from_slice(context, "convolve counts", &[0_u32])?,
-            pixels_per_entry: info.pixels_per_entry,
         })
     }
 
@@ -226,7 +222,7 @@ impl ConvolvePass {
     /// # Errors
     /// When the chunk is larger than a dispatch.
     pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
-        let pixels = constants.entry_count * self.pixels_per_entry;
+        let pixels = constants.entry_count;
         recorder.pass("convolve", |_, commands| self.pipeline.dispatch(commands, set, &constants, pixels))?;
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
         Ok(())

@@ -1,12 +1,12 @@
 //! One GPU pass a file, under the same name as its folder in `glsl/`, and the structs that cross the border to GLSL.
 
 pub mod bin;
-pub mod classic;
 pub mod convolve;
 pub mod gbuffer;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;
+pub mod trace;
 pub mod traverse;
 
 use std::sync::Arc;
@@ -58,6 +58,10 @@ pub struct Gather {
     pub material_parameter: f32,
     /// Height of the far field in texels; 0 without one.
     pub far_field_height: u32,
+    /// As in [`Traversal`], for classic's walk.
+    pub stop_sin2: f32,
+    /// 1 in the last dispatch that a raster pass gets for this chunk: what it leaves unfinished is counted.
+    pub last_round: u32,
     /// Micro-buffers in a row of the paper's image store.
     pub store_columns: u32,
 }

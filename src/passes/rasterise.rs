@@ -15,8 +15,8 @@ use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 pub struct RasterInfo {
     /// Micro-pixels along a side.
     pub size: u32,
-    /// Receivers that one invocation fills: 4 where neighbours share lists, 1 where each has its own.
-    pub pixels_per_entry: u32,
+    /// Each pixel walks the hierarchy itself (classic); otherwise the traversal has left lists.
+    pub walk: bool,
     /// The paper's ways.
     pub paper: Paper,
 }
@@ -32,9 +32,10 @@ impl RasterInfo {
         }
     }
 
-    /// Constants of the shaders that include `common/microbuffer.glsl`.
-    pub(crate) fn constants(&self) -> [Constant; 2] {
-        [Constant::new(3, self.size), Constant::new(4, self.pixels_per_entry)]
+    /// Constants of the shaders that include `common/raster_loop.glsl`.
+    pub(crate) fn constants(&self) -> [Constant; 4] {
+        let [cut, coverage] = self.paper.traversal_constants();
+        [cut, coverage, Constant::new(2, self.walk), Constant::new(3, self.size)]
     }
 }
 
@@ -46,6 +47,8 @@ pub struct MicroBuffers {
     pub sums: Buffer,
     /// The paper's store; a token otherwise.
     pub store: Image,
+    /// How far each pixel of the chunk has come, by pass.
+    cursors: [Buffer; 2],
     /// Micro-buffers that fit.
     pub pixels: u32,
     info: RasterInfo,
@@ -75,13 +78,23 @@ impl MicroBuffers {
             },
         )?;
         Ok(Self {
-            nearest: Buffer::new(context, "micro-buffer depth", if info.paper.image { 0 } else { micro_pixels * 8 })?,
-            sums: Buffer::new(
+            nearest: Buffer::with_texels(
+                context,
+                "micro-buffer depth",
+                if info.paper.image { 0 } else { micro_pixels * 8 },
+                vk::Format::R32G32_UINT,
+            )?,
+            sums: Buffer::with_texels(
                 context,
                 "micro-buffer sums",
                 if info.paper.one_node() { 0 } else { micro_pixels * 16 },
+                vk::Format::R32G32B32A32_UINT,
             )?,
             store,
+            cursors: [
+                Buffer::new(context, "raster cursors", u64::from(pixels) * 4)?,
+                Buffer::new(context, "raster cursors", u64::from(pixels) * 4)?,
+            ],
             pixels,
             info,
         })
@@ -106,6 +119,8 @@ impl MicroBuffers {
             .buffer("Nearest", &self.nearest)
             .buffer("NearestHalves", &self.nearest)
             .buffer("Sums", &self.sums)
+            .buffer("sums", &self.sums)
+            .buffer("nearest_halves", &self.nearest)
             .storage_image("store", &self.store)
     }
 
@@ -141,6 +156,9 @@ impl MicroBuffers {
                 if !self.info.paper.one_node() {
                     device.cmd_fill_buffer(commands, self.sums.handle, 0, micro_pixels * 16, 0);
                 }
+                for cursors in &self.cursors {
+                    device.cmd_fill_buffer(commands, cursors.handle, 0, u64::from(pixels) * 4, 0);
+                }
             }
         });
         recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
@@ -154,20 +172,25 @@ fn store_shape(context: &Context, size: u32, pixels: u32) -> (u32, u32) {
     (columns, pixels.div_ceil(columns).max(1))
 }
 
-/// The passes.
-pub enum RasterPass {
-    /// Nearest depth by 64-bit minimum, then covered radiance of the front layer.
-    Coverage {
-        /// `glsl/visibility`.
-        visibility: ComputePipeline,
-        /// `glsl/coverage`.
-        coverage: ComputePipeline,
-    },
-    /// One node a micro-pixel, as in the paper.
-    Splat {
-        /// `glsl/splat`.
-        splat: ComputePipeline,
-    },
+/// Counts of the raster passes over a frame (`glsl/common/raster_loop.glsl`).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct RasterCounts {
+    /// Pixels whose cut was not done in the dispatches that were recorded for it.
+    pub unfinished: u32,
+    /// Keeps the rest aligned.
+    pub reserved: u32,
+    /// Nodes handed to pixels.
+    pub offered: u64,
+    /// Those of them that cover something.
+    pub drawn: u64,
+    /// Nodes visited by walks.
+    pub visited: u64,
+}
+
+/// The passes: `visibility` and `coverage`, or `splat` for one node a micro-pixel as in the paper.
+pub struct RasterPass {
+    steps: Vec<(&'static str, ComputePipeline)>,
 }
 
 impl RasterPass {
@@ -176,55 +199,55 @@ impl RasterPass {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn new(context: &Arc<Context>, info: RasterInfo) -> Result<Self> {
-        let [size, pixels] = info.constants();
-        if info.paper.one_node() {
-            let [cut, coverage] = info.paper.traversal_constants();
-            let constants = [
-                cut,
-                coverage,
-                size,
-                pixels,
-                Constant::new(5, info.paper.coverage),
-                Constant::new(6, info.paper.image),
-            ];
-            Ok(Self::Splat { splat: ComputePipeline::new(context, "splat/splat.comp", &constants)? })
+        let mut constants = info.constants().to_vec();
+        let steps = if info.paper.one_node() {
+            constants.extend([Constant::new(5, info.paper.coverage), Constant::new(6, info.paper.image)]);
+            vec![("splat", ComputePipeline::new(context, "splat/splat.comp", &constants)?)]
         } else {
-            let constants = [size, pixels];
-            Ok(Self::Coverage {
-                visibility: ComputePipeline::new(context, "visibility/visibility.comp", &constants)?,
-                coverage: ComputePipeline::new(context, "coverage/coverage.comp", &constants)?,
-            })
-        }
+            vec![
+                ("visibility", ComputePipeline::new(context, "visibility/visibility.comp", &constants)?),
+                ("coverage", ComputePipeline::new(context, "coverage/coverage.comp", &constants)?),
+            ]
+        };
+        Ok(Self { steps })
+    }
+
+    /// Name of the pass that counts.
+    pub fn counting_pass(&self) -> &'static str {
+        self.steps[0].0
     }
 
     /// Descriptor sets for the pass's pipelines.
     ///
     /// # Errors
     /// When a resource is missing.
-    pub fn bind(&self, bindings: &Bindings<'_>) -> Result<Vec<DescriptorSet>> {
-        match self {
-            Self::Coverage { visibility, coverage } => Ok(vec![visibility.bind(bindings)?, coverage.bind(bindings)?]),
-            Self::Splat { splat } => Ok(vec![splat.bind(bindings)?]),
-        }
+    pub fn bind(&self, bindings: &Bindings<'_>, micro_buffers: &MicroBuffers) -> Result<Vec<DescriptorSet>> {
+        self.steps
+            .iter()
+            .zip(&micro_buffers.cursors)
+            .map(|((_, pipeline), cursors)| pipeline.bind(&bindings.clone().buffer("Cursors", cursors)))
+            .collect()
     }
 
-    /// Records the passes for a chunk of entries into cleared micro-buffers.
+    /// Records the passes for a chunk of entries into cleared micro-buffers, `rounds` dispatches each.
     ///
     /// # Errors
     /// When the chunk is larger than a dispatch.
-    pub fn record(&self, recorder: &mut Recorder, sets: &[DescriptorSet], constants: Gather) -> Result<()> {
-        let entries = constants.entry_count;
-        match self {
-            Self::Coverage { visibility, coverage } => {
-                recorder.pass("visibility", |_, c| visibility.dispatch(c, &sets[0], &constants, entries))?;
-                recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead]);
-                recorder.pass("coverage", |_, c| coverage.dispatch(c, &sets[1], &constants, entries))?;
-            }
-            Self::Splat { splat } => {
-                recorder.pass("splat", |_, c| splat.dispatch(c, &sets[0], &constants, entries))?;
+    pub fn record(
+        &self,
+        recorder: &mut Recorder,
+        sets: &[DescriptorSet],
+        constants: Gather,
+        rounds: u32,
+    ) -> Result<()> {
+        for ((name, pipeline), set) in self.steps.iter().zip(sets) {
+            for round in 1..=rounds {
+                let constants = Gather { last_round: u32::from(round == rounds), ..constants };
+                recorder.pass(name, |_, c| pipeline.dispatch(c, set, &constants, constants.entry_count))?;
+                let uses = [Use::ComputeWrite, Use::SampledRead, Use::StorageImage];
+                recorder.barrier(&[Use::ComputeWrite, Use::StorageImage], &uses);
             }
         }
-        recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead, Use::StorageImage]);
         Ok(())
     }
 }
