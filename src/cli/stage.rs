@@ -62,10 +62,8 @@ impl Stage {
             MaterialChoice::File => return Err(Error::Argument("the truth of a file's materials is not known".into())),
         };
         let covered: Vec<usize> = (0..frame.rgba.len()).filter(|&n| frame.rgba[n][3] > 0.5).collect();
-        let receivers: Vec<Receiver> = covered
-            .iter()
-            .map(|&n| receiver(camera.from, three(frame.position[n]), three(frame.normal[n])))
-            .collect();
+        let receivers: Vec<Receiver> =
+            covered.iter().map(|&n| receiver(camera.from, three(frame.position[n]), three(frame.normal[n]))).collect();
         let bar = progress::bar("tracing the truth", STEPS);
         let radiance = render_reference(&self.baked, &receivers, brdf, samples, &|done| {
             bar.set_position((done * STEPS as f32) as u64);

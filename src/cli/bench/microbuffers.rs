@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::Vec3;
 use serde::Serialize;
 
+use crate::Result;
 use crate::cli::stage::{self, Stage};
 use crate::cli::{progress, render, values};
 use crate::compare::{Axis, Metrics, Plot, Series, compare};
@@ -14,7 +15,6 @@ use crate::reference::bake::BakeOptions;
 use crate::reference::rooms::toy_room;
 use crate::reference::shapes::sphere;
 use crate::scene::Camera;
-use crate::Result;
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Args {
@@ -37,10 +37,8 @@ const MATERIALS: [(&str, MaterialChoice); 4] = [
     ("metal 0.5", MaterialChoice::Metal(0.5)),
     ("metal 0.25", MaterialChoice::Metal(0.25)),
 ];
-const WAYS: [(&str, Paper); 2] = [
-    ("ours", Paper { image: false, coverage: false, weights: false, cut: false }),
-    ("paper", Paper::ALL),
-];
+const WAYS: [(&str, Paper); 2] =
+    [("ours", Paper { image: false, coverage: false, weights: false, cut: false }), ("paper", Paper::ALL)];
 
 /// One frame against the truth.
 #[derive(Serialize)]
@@ -91,7 +89,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
         device: context.capabilities.name.clone(),
         technique,
         scene: format!("toy room of {} points, sphere, whole view, {SIDE}x{SIDE}", stage.build.points),
-        truth: format!("path-traced in the room itself, {samples} samples of the BRDF and as many of the lamps a pixel"),
+        truth: format!(
+            "path-traced in the room itself, {samples} samples of the BRDF and as many of the lamps a pixel"
+        ),
         points: Vec::new(),
     };
     println!("{}\n{}, {technique}; truth {}", report.scene, report.device, report.truth);
@@ -139,8 +139,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     if let (Some(error), Some(time)) = (&args.plot, &time_plot) {
         let bar = progress::spinner("drawing");
-        plot(&report, "Error over the size of micro-buffers", "relative RMS of luminance", |p| p.relative_rms_luminance)
-            .write(error)?;
+        plot(&report, "Error over the size of micro-buffers", "relative RMS of luminance", |p| {
+            p.relative_rms_luminance
+        })
+        .write(error)?;
         plot(&report, "Time over the size of micro-buffers", "milliseconds a frame", |p| p.wall_ms).write(time)?;
         bar.finish_and_clear();
     }

@@ -98,7 +98,8 @@ fn head(columns: &[Column]) -> String {
 
 /// Each pass's share of the wall time, at 512x512 with 24x24 micro-buffers or, in smaller runs, what comes nearest.
 fn shares(cells: &[Cell]) -> String {
-    let nearest = |values: Vec<u32>, wanted: u32| values.into_iter().min_by_key(|v| v.abs_diff(wanted)).unwrap_or(wanted);
+    let nearest =
+        |values: Vec<u32>, wanted: u32| values.into_iter().min_by_key(|v| v.abs_diff(wanted)).unwrap_or(wanted);
     let viewport = nearest(cells.iter().map(|c| c.viewport).collect(), 512);
     let microbuffer = nearest(cells.iter().map(|c| c.microbuffer).collect(), 24);
     let mut text = format!(
