@@ -33,10 +33,10 @@ pub(in crate::cli) struct Args {
 }
 
 /// A frame under this is rendered again: its time is the median of [`RUNS`].
-const SHORT_MS: f64 = 2000.0;
+const SHORT_MS: f64 = 500.0;
 const RUNS: usize = 3;
 const HOW: &str = "wall time from G-buffer to image after a warm-up frame of a few pixels; the median of 3 frames \
-                   below 2 s, one frame above; nothing is read back in between but counts";
+                   below 0.5 s, one frame above; nothing is read back in between but counts";
 
 /// Where an object stands.
 pub(super) struct Place<'a> {

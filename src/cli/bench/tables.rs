@@ -85,7 +85,7 @@ fn table(cells: &[Cell], title: &str, techniques: &[Technique], value: impl Fn(&
 fn head(columns: &[Column]) -> String {
     let line = |label: &dyn Fn(usize) -> String| {
         let labels: String = (0..columns.len()).map(|n| format!("{:>COLUMN$}", label(n))).collect();
-        format!("{:FIRST$}{labels}\n", "")
+        format!("{:FIRST$}{}\n", "", labels.trim_end())
     };
     let first = |n: usize, same: &dyn Fn(&Column, &Column) -> bool| n == 0 || !same(&columns[n], &columns[n - 1]);
     let room = |n: usize| if first(n, &|a, b| a.0 == b.0) { columns[n].0.to_owned() } else { String::new() };
