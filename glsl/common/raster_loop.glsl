@@ -20,7 +20,7 @@ layout(std430, binding = 18) buffer RasterCounts {
 
 const uint FINISHED = 0xffffffffu;
 // Turns of loops in one dispatch, for each pixel: eight pixels of a SIMD group stay below the limit above.
-const uint MOST_WORK = 7500u;
+const uint MOST_WORK = 8000u;
 
 uint work = 0u;
 uint offered = 0u;

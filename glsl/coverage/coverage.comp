@@ -6,7 +6,6 @@
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
-#extension GL_EXT_control_flow_attributes : require
 #include "shared/gather.glsl"
 #include "common/hierarchy.glsl"
 #include "common/receivers.glsl"
@@ -24,9 +23,9 @@ const float FRONT_LAYER = 1.25;
 
 void add(uint at, float share, vec3 color, float depth) {
     float front = uintBitsToFloat(texelFetch(nearest_halves, int(at)).y);
-    precise float kept = depth > FRONT_LAYER * front ? 0.0 : share;
-    precise vec3 part = color * kept;
-    uvec4 fixed_part = uvec4(vec4(part, kept * COVERAGE_ONE) + 0.5);
+    if (depth > FRONT_LAYER * front) return;
+    precise vec4 part = vec4(color, COVERAGE_ONE) * share;
+    uvec4 fixed_part = uvec4(part + 0.5);
     sums[2u * at] += (uint64_t(fixed_part.g) << 32) | uint64_t(fixed_part.r);
     sums[2u * at + 1u] += (uint64_t(fixed_part.a) << 32) | uint64_t(fixed_part.b);
 }
@@ -41,18 +40,12 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) 
     vec3 color = node_color(node) * gather.color_scale;
     uvec2 first = uvec2(clamp(footprint.low, vec2(0.0), vec2(float(SIZE) - 1.0)));
     uvec2 last = uvec2(clamp(footprint.high, vec2(0.0), vec2(float(SIZE) - 1.0)));
-    // Most boxes touch at most 2 x 2 micro-pixels: those take one turn.
-    uvec2 blocks = (last - first) / 2u + 1u;
-    uint turns = blocks.x * blocks.y;
-    work += turns;
-    for (uint turn = 0u; turn < turns; ++turn) {
-        uvec2 corner = first + 2u * uvec2(turn % blocks.x, turn / blocks.x);
-        [[unroll]] for (uint k = 0u; k < 4u; ++k) {
-            uvec2 cell = corner + uvec2(k & 1u, k >> 1u);
-            vec2 inside = min(footprint.high, vec2(cell) + 1.0) - max(footprint.low, vec2(cell));
-            inside = cell.x < SIZE && cell.y < SIZE ? max(inside, vec2(0.0)) : vec2(0.0);
-            uvec2 held = min(cell, uvec2(SIZE - 1u));
-            add(start + held.y * SIZE + held.x, inside.x * inside.y * footprint.density, color, footprint.depth);
-        }
+    uvec2 count = last - first + 1u;
+    uint cells = count.x * count.y;
+    work += cells;
+    for (uint k = 0u; k < cells; ++k) {
+        uvec2 cell = first + uvec2(k % count.x, k / count.x);
+        vec2 inside = min(footprint.high, vec2(cell) + 1.0) - max(footprint.low, vec2(cell));
+        add(start + cell.y * SIZE + cell.x, inside.x * inside.y * footprint.density, color, footprint.depth);
     }
 }

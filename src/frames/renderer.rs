@@ -130,7 +130,7 @@ impl Renderer {
             raster: RasterPass::new(context, raster_info)?,
             micro_buffers: MicroBuffers::new(context, raster_info, plan.micro_pixels.min(image_pixels))?,
             raster_counts: Buffer::new(context, "raster counts", size_of::<RasterCounts>() as u64)?,
-            rounds: 1,
+            rounds: first_rounds(&settings),
             nearest: Sampler::new(context, vk::Filter::NEAREST, vk::SamplerAddressMode::CLAMP_TO_EDGE)?,
             settings,
             plan,
@@ -510,6 +510,13 @@ impl Region {
 
 fn read_image<T: bytemuck::Pod>(image: &crate::gpu::Image) -> Result<Vec<T>> {
     Ok(bytemuck::pod_collect_to_vec(&image.download(Use::SampledRead, size_of::<T>())?))
+}
+
+/// Dispatches that a chunk's raster passes most likely need: one has a bounded amount of work, and a round too many
+/// costs next to nothing.
+fn first_rounds(settings: &Settings) -> u32 {
+    let work = settings.microbuffer * settings.microbuffer;
+    1 + work / if settings.technique == Technique::Classic { 256 } else { 512 }
 }
 
 fn check(settings: &Settings) -> Result<()> {
