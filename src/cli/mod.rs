@@ -8,6 +8,7 @@ mod info;
 mod output;
 mod progress;
 mod render;
+mod stage;
 mod values;
 
 use clap::error::ErrorKind;
