@@ -494,6 +494,38 @@ fn outputs() {
     }
 }
 
+#[test]
+fn comparisons() {
+    let place = Place::new();
+    place.exr("a.exr", 16, 16, 1.0);
+    place.exr("small.exr", 16, 8, 1.0);
+    place.exr("nan.exr", 16, 16, f32::NAN);
+    place.put("bad.exr", "no picture");
+    place.put("picture.png", "no picture");
+    fs::create_dir(place.path("folder.exr")).unwrap();
+    place.refuses(&["compare", "a.exr"], &["B.exr"]);
+    place.refuses(&["compare", "a.exr", "small.exr"], &["a.exr", "small.exr", "16"]);
+    place.refuses(&["compare", "a.exr", "nan.exr"], &["nan.exr"]);
+    for name in ["bad.exr", "picture.png", "gone.exr", "folder.exr"] {
+        place.refuses(&["compare", "a.exr", name], &[name]);
+        place.refuses(&["compare", name, "a.exr"], &[name]);
+    }
+    place.refuses(&["compare", "a.exr", "a.exr", "--json", "gone/a.json"], &["gone/a.json", "there is no folder"]);
+    place.refuses(&["compare", "a.exr", "a.exr", "--json", "a.txt"], &["a.txt", "must end in .json"]);
+    place.refuses(&["compare", "a.exr", "a.exr", "--map", "gone/a.png"], &["gone/a.png", "there is no folder"]);
+    place.refuses(&["compare", "a.exr", "small.exr", "--json", "a.json", "--map", "a.png"], &["small.exr"]);
+}
+
+#[test]
+fn demonstrations_and_measurements() {
+    let place = Place::new();
+    place.refuses(&["demo", "--out", "cube.obj"], &["cube.obj", "cannot be"]);
+    place.refuses(&["demo", "--out", "cube.obj/in"], &["cube.obj/in", "cannot be"]);
+    place.refuses(&["demo", "--size", "5"], &["--size"]);
+    place.refuses(&["bench", "pbgi", "--json", "gone/a.json"], &["gone/a.json", "there is no folder"]);
+    place.refuses(&["bench", "teapots"], &["'teapots'"]);
+}
+
 #[cfg(unix)]
 #[test]
 fn a_folder_that_may_not_be_written() {
