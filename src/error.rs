@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file that cannot be read, understood or written.
-    #[error("{}: {problem}", path.display())]
+    #[error("{}: {problem}", printable(path))]
     File {
         /// The file the problem is about.
         path: PathBuf,
@@ -35,6 +35,11 @@ pub enum Error {
 
 /// `std::result::Result` with [`Error`] unless another is named.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// A path on one line, whatever its name is made of.
+pub(crate) fn printable(path: &Path) -> String {
+    path.display().to_string().chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+}
 
 impl Error {
     /// An [`Error::File`]; line breaks in `problem` are folded into one line.

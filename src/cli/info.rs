@@ -2,6 +2,7 @@
 
 use ash::vk;
 
+use super::output::say;
 use crate::Result;
 use crate::gpu::context::devices;
 
@@ -11,7 +12,7 @@ pub(super) struct Args {}
 pub(super) fn run(_args: &Args) -> Result<()> {
     let list = devices()?;
     if list.is_empty() {
-        println!("no Vulkan device was found (tools/setup installs a software one)");
+        say!("no Vulkan device was found (tools/setup installs a software one)")?;
     }
     for (i, device) in list.iter().enumerate() {
         let version = device.api_version;
@@ -22,15 +23,15 @@ pub(super) fn run(_args: &Args) -> Result<()> {
             vk::PhysicalDeviceType::CPU => "software",
             _ => "other",
         };
-        println!("{}{}", device.name, if i == 0 && device.usable() { "  <- relume would use this one" } else { "" });
-        println!("  {kind}, driver {}", device.driver);
-        println!("  Vulkan {}.{}", vk::api_version_major(version), vk::api_version_minor(version));
-        println!("  storage buffers up to {} MiB, images up to {}", device.max_storage_range >> 20, device.max_image_size);
+        say!("{}{}", device.name, if i == 0 && device.usable() { "  <- relume would use this one" } else { "" })?;
+        say!("  {kind}, driver {}", device.driver)?;
+        say!("  Vulkan {}.{}", vk::api_version_major(version), vk::api_version_minor(version))?;
+        say!("  storage buffers up to {} MiB, images up to {}", device.max_storage_range >> 20, device.max_image_size)?;
         let list = |missing: &[&str]| missing.join(", ");
         match (device.usable(), device.feedback()) {
-            (false, _) => println!("  unusable: lacks {}", list(&device.missing)),
-            (true, true) => println!("  techniques: classic, mipmapped, hybrid"),
-            (true, false) => println!("  techniques: classic (others need {})", list(&device.missing_feedback)),
+            (false, _) => say!("  unusable: lacks {}", list(&device.missing))?,
+            (true, true) => say!("  techniques: classic, mipmapped, hybrid")?,
+            (true, false) => say!("  techniques: classic (others need {})", list(&device.missing_feedback))?,
         }
     }
     Ok(())

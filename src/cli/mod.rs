@@ -5,10 +5,13 @@ mod build;
 mod compare;
 mod demo;
 mod info;
+mod output;
 mod progress;
 mod render;
+mod stage;
 mod values;
 
+use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 
 use crate::{Error, Result};
@@ -64,6 +67,9 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
 
 /// Clap's message without the usage and hints that follow it.
 fn one_line(error: &clap::Error) -> String {
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return "a command is missing; --help lists what there is".into();
+    }
     let text = error.to_string();
     let text = text.split("\n\nUsage:").next().unwrap_or(&text);
     let text = text.split("\n\nFor more information").next().unwrap_or(text);

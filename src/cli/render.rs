@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::{Affine3A, DVec3, Quat, Vec3};
 use serde::Serialize;
 
+use super::output::say;
 use super::{progress, values};
 use crate::formats::cloud::{CloudOptions, Up};
 use crate::formats::image::{ExrGroup, ExrLayers};
@@ -38,7 +39,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     object_at: Option<DVec3>,
     /// Scale about the object's own origin
-    #[arg(long, value_name = "S", value_parser = values::positive, default_value = "1")]
+    #[arg(long, value_name = "S", value_parser = values::positive, allow_hyphen_values = true, default_value = "1")]
     object_scale: f64,
     /// Turn about +Y and the object's own origin, degrees
     #[arg(long, value_name = "DEG", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
@@ -56,25 +57,25 @@ pub(super) struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     camera_at: Option<DVec3>,
     /// Vertical field of view, degrees [default: 30]
-    #[arg(long, value_name = "DEG", value_parser = values::field_of_view)]
+    #[arg(long, value_name = "DEG", value_parser = values::field_of_view, allow_hyphen_values = true)]
     fov: Option<f64>,
     /// Image size
-    #[arg(long, value_name = "WxH", value_parser = values::size, default_value = "512x512")]
+    #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true, default_value = "512x512")]
     size: (u32, u32),
     /// classic, mipmapped or hybrid [default: hybrid, or classic where the device lacks what hybrid needs]
     #[arg(long)]
     technique: Option<Technique>,
     /// Micro-pixels along a side: even, 8 to 64
-    #[arg(long, value_name = "N", value_parser = values::microbuffer, default_value = "24")]
+    #[arg(long, value_name = "N", value_parser = values::microbuffer, allow_hyphen_values = true, default_value = "24")]
     microbuffer: u32,
     /// Follow the paper to the letter in these parts: image, coverage, weights, cut, or all
     #[arg(long, value_name = "PARTS", value_parser = values::paper)]
     paper: Option<Paper>,
     /// Solid angle at which nodes are rasterised, in micro-pixels
-    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, default_value = "4")]
+    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true, default_value = "4")]
     stop: f64,
     /// Solid angle at which hybrid leaves the geometry shader, in micro-pixels
-    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, default_value = "32")]
+    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true, default_value = "32")]
     switch: f64,
     /// Far field where no point covers: lat-long .exr or .hdr [default: black]
     #[arg(long, value_name = "FILE")]
@@ -84,7 +85,7 @@ pub(super) struct Args {
     material: MaterialChoice,
     /// Most device memory, MiB
     #[arg(long, value_name = "MIB", default_value_t = Settings::DEFAULT_BUDGET >> 20,
-          value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=1 << 24))]
     memory_budget: u64,
     /// Part of the device's name [default: the best]
     #[arg(long, value_name = "NAME")]
@@ -163,13 +164,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let mut clock = Clock::default();
     let bar = progress::spinner("reading");
     let object = clock.time("object", || object::load(&args.object))?;
-    let far_field = args
-        .environment
-        .as_ref()
-        .map(|path| clock.time("far field", || image::read_far_field(path)))
-        .transpose()?;
-    let context =
-        clock.time("device", || Context::new(&ContextOptions { device: args.device.clone(), validation: args.validation }))?;
+    let far_field =
+        args.environment.as_ref().map(|path| clock.time("far field", || image::read_far_field(path))).transpose()?;
+    let context = clock.time("device", || {
+        Context::new(&ContextOptions { device: args.device.clone(), validation: args.validation })
+    })?;
     let technique = pick_technique(args.technique, &context);
 
     // The object's place is in the file's coordinates, which a cloud with large ones is not kept in: the cloud comes
@@ -240,14 +239,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
         };
         write_json(path, &report)?;
     }
-    println!(
+    say!(
         "{}: {} pixels lit by {} in {:.0} ms on {}",
         args.out.display(),
         frame.stats.covered_pixels,
         technique,
         frame.stats.wall_ms,
         context.capabilities.name
-    );
+    )?;
     Ok(())
 }
 
@@ -256,7 +255,7 @@ fn pick_technique(wanted: Option<Technique>, context: &Context) -> Technique {
     wanted.unwrap_or_else(|| match context.why_no_feedback() {
         None => Technique::Hybrid,
         Some(why) => {
-            eprintln!("relume: {why}");
+            tracing::warn!("{why}");
             Technique::Classic
         }
     })
@@ -267,7 +266,8 @@ fn placement(args: &Args, origin: DVec3) -> Affine3A {
     let at = args.object_at.map_or(DVec3::ZERO, |at| at - origin);
     Affine3A::from_scale_rotation_translation(
         Vec3::splat(args.object_scale as f32),
-        Quat::from_rotation_y(args.object_turn.to_radians() as f32),
+        // Whole turns are taken off before f32 could lose what is left of them.
+        Quat::from_rotation_y((args.object_turn % 360.0).to_radians() as f32),
         at.as_vec3(),
     )
 }
@@ -281,7 +281,14 @@ fn camera(args: &Args, object: &Object, origin: DVec3) -> Result<Camera> {
         fov_y: args.fov.map_or(framing.fov_y, |degrees| degrees.to_radians() as f32),
     };
     if camera.from.distance(camera.at) <= 1e-6 * (1.0 + camera.at.length()) {
-        return Err(Error::Argument("--camera-from and --camera-at are the same point".into()));
+        let problem = if args.camera_from.is_some() && args.camera_at.is_some() {
+            "--camera-from and --camera-at are the same point"
+        } else if args.camera_from.is_some() || args.camera_at.is_some() {
+            "--camera-from and --camera-at are the same point, one of them being the default; give both"
+        } else {
+            "the object is too small for its distance from the origin to be framed; give --camera-from and --camera-at"
+        };
+        return Err(Error::Argument(problem.into()));
     }
     Ok(camera)
 }
@@ -293,8 +300,11 @@ fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<Loa
         let points = usize::try_from(info.points).ok();
         return Ok(LoadedHierarchy { hierarchy, points, nodes_before: None, origin: info.origin });
     }
-    let (low, high) = object.clone().transformed(placement(args, DVec3::ZERO)).bounds();
-    let towards = args.towards.unwrap_or_else(|| (0.5 * (low + high)).as_dvec3());
+    // The object's middle, without its place, which f32 may not hold: the cloud's origin is not known yet.
+    let turned = object.clone().transformed(placement(args, args.object_at.unwrap_or_default()));
+    let (low, high) = turned.bounds();
+    let middle = (0.5 * (low + high)).as_dvec3() + args.object_at.unwrap_or_default();
+    let towards = args.towards.unwrap_or(middle);
     let cloud = clock.time("cloud", || load_cloud(&args.cloud, args.up, Some(towards)))?;
     let (hierarchy, report) = clock.time("hierarchy", || hierarchy::build(&cloud, &BuildOptions::default()))?;
     Ok(LoadedHierarchy {
@@ -311,7 +321,7 @@ pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Res
         UpAxis::Y => Up::Y,
         UpAxis::Z => Up::Z,
     };
-    cloud::load(path, &CloudOptions { up, orient_towards: towards.map(|t| t.as_vec3()) })
+    cloud::load(path, &CloudOptions { up, orient_towards: towards })
 }
 
 /// Writes an EXR with layers or a PNG, by the name's ending.

@@ -7,28 +7,56 @@ use glam::DVec3;
 use crate::frames::{MaterialChoice, Paper};
 use crate::{Error, Result};
 
-/// `X,Y,Z` with finite numbers.
+/// Places beyond this many metres are refused, as in clouds: their squares must fit f32.
+const FARTHEST: f64 = 1e12;
+
+/// What f32 holds with room for a few multiplications.
+const LARGEST: f64 = 1e9;
+
+/// Most pixels of an image. A pixel takes about a hundred bytes of the computer's memory until its file is written.
+const MOST_PIXELS: u64 = 1 << 26;
+
+/// `X,Y,Z`, metres, none of them beyond 1e12.
 pub(super) fn vector(text: &str) -> Result<DVec3, String> {
-    let wrong = || format!("{text:?} is not three finite numbers, X,Y,Z");
+    let wrong = || format!("{text:?} is not X,Y,Z with three numbers from -1e12 to 1e12");
     let numbers: Vec<f64> =
         text.split(',').map(|part| part.trim().parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
     match numbers[..] {
-        [x, y, z] if numbers.iter().all(|n| n.is_finite()) => Ok(DVec3::new(x, y, z)),
+        [x, y, z] if numbers.iter().all(|n| n.abs() <= FARTHEST) => Ok(DVec3::new(x, y, z)),
         _ => Err(wrong()),
     }
 }
 
-/// `WxH` with both at least 1.
+/// `WxH` with both at least 1, and no more pixels than memory could hold.
 pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || format!("{text:?} is not a size, WxH with both from 1 to 32768");
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
     let parse = |side: &str| side.parse::<u32>().ok().filter(|n| (1..=32_768).contains(n)).ok_or_else(wrong);
-    Ok((parse(width)?, parse(height)?))
+    let (width, height) = (parse(width)?, parse(height)?);
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return Err(format!("{text:?} is more than {MOST_PIXELS} pixels, as many as 8192x8192 has"));
+    }
+    Ok((width, height))
 }
 
-/// A finite number above 0.
+/// A number above 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0).ok_or(format!("{text:?} is not a number above 0"))
+    number(text, 1.0 / LARGEST, LARGEST).ok_or(format!("{text:?} is not a number above 0, from 1e-9 to 1e9"))
+}
+
+/// A number of at least 0.
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    number(text, 0.0, LARGEST).ok_or(format!("{text:?} is not a number from 0 to 1e9"))
+}
+
+/// The cosine of an angle.
+pub(super) fn cosine(text: &str) -> Result<f64, String> {
+    number(text, -1.0, 1.0).ok_or(format!("{text:?} is not a number from -1 to 1"))
+}
+
+/// A number from `low` to `high`. NaN is neither.
+fn number(text: &str, low: f64, high: f64) -> Option<f64> {
+    text.parse().ok().filter(|n| (low..=high).contains(n))
 }
 
 /// A finite number.
@@ -38,10 +66,7 @@ pub(super) fn finite(text: &str) -> Result<f64, String> {
 
 /// A vertical field of view in degrees.
 pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
-    positive(text)
-        .ok()
-        .filter(|degrees| (0.1..=170.0).contains(degrees))
-        .ok_or(format!("{text:?} is not a field of view, 0.1 to 170 degrees"))
+    number(text, 0.1, 170.0).ok_or(format!("{text:?} is not a field of view, 0.1 to 170 degrees"))
 }
 
 /// An even micro-buffer size.
@@ -57,9 +82,7 @@ pub(super) fn material(text: &str) -> Result<MaterialChoice, String> {
     let wrong = || {
         format!("{text:?} is no material; there are file, diffuse:ALBEDO with 0 to 1, and metal:ALPHA with 0.001 to 1")
     };
-    let number = |value: &str, low: f32| {
-        value.parse::<f32>().ok().filter(|n| (low..=1.0).contains(n)).ok_or_else(wrong)
-    };
+    let number = |value: &str, low| number(value, low, 1.0).map(|n| n as f32).ok_or_else(wrong);
     match text.split_once(':') {
         None if text == "file" => Ok(MaterialChoice::File),
         Some(("diffuse", albedo)) => Ok(MaterialChoice::Diffuse(number(albedo, 0.0)?)),

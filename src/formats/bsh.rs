@@ -22,7 +22,7 @@ use std::path::Path;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::whole;
+use super::{check_regular, whole};
 use crate::preprocess::hierarchy::{Hierarchy, MAX_DEPTH};
 use crate::{Error, Result};
 
@@ -122,6 +122,7 @@ pub fn read(path: &Path) -> Result<Hierarchy> {
 /// As [`read`].
 pub fn read_with_info(path: &Path) -> Result<(Hierarchy, BshInfo)> {
     let unreadable = |e: io::Error| Error::file(path, format!("cannot be read: {e}"));
+    check_regular(path)?;
     let file = File::open(path).map_err(unreadable)?;
     let length = file.metadata().map_err(unreadable)?.len();
     let mut source = Source { reader: BufReader::new(file), checksum: crc32fast::Hasher::new() };

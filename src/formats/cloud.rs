@@ -24,9 +24,10 @@ pub enum Up {
 pub struct CloudOptions {
     /// The file's up axis.
     pub up: Up,
-    /// Point that estimated normals look towards where the file does not know the scanner's place, in the space of
-    /// [`Cloud::positions`]. Without it they look towards the centre of the bounding box, as suits a room.
-    pub orient_towards: Option<Vec3>,
+    /// Point that estimated normals look towards where the file does not know the scanner's place: the file's
+    /// coordinates with +Y turned up, [`Cloud::origin`] not subtracted. Without it they look towards the centre of the
+    /// bounding box, as suits a room.
+    pub orient_towards: Option<DVec3>,
 }
 
 /// Reads a cloud from a .ply, .pcd, .las or .laz file, turns +Y up and estimates the normals and the spacing that the
@@ -45,7 +46,8 @@ pub fn load(path: &Path, options: &CloudOptions) -> Result<Cloud> {
     if options.up == Up::Z {
         turn_z_up(&mut cloud);
     }
-    neighbours::complete(&mut cloud, options.orient_towards)?;
+    let towards = options.orient_towards.map(|point| (point - cloud.origin).as_vec3());
+    neighbours::complete(&mut cloud, towards)?;
     Ok(cloud)
 }
 

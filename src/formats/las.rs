@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 use las::Reader;
 use rayon::prelude::*;
 
+use super::check_regular;
 use super::color::decode_srgb;
 use super::points::Points;
 use crate::scene::Cloud;
@@ -37,6 +38,7 @@ type Codes = Vec<(u16, u16, u16)>;
 /// All points: (coordinates, colours).
 fn read_points(path: &Path) -> Result<(Vec<DVec3>, Codes)> {
     let bad = |e: las::Error| Error::file(path, format!("is not a readable LAS file: {e}"));
+    check_regular(path)?;
     let held = std::fs::metadata(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?.len();
     let mut reader = Reader::from_path(path).map_err(bad)?;
     let header = reader.header();

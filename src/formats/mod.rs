@@ -17,8 +17,19 @@ use std::path::Path;
 
 use crate::{Error, Result};
 
+/// An error where `path` cannot be opened, or is a folder or a device, which may never end.
+fn check_regular(path: &Path) -> Result<()> {
+    let unreadable = |e: &dyn std::fmt::Display| Error::file(path, format!("cannot be read: {e}"));
+    match std::fs::metadata(path).map_err(|e| unreadable(&e))? {
+        data if data.is_file() => Ok(()),
+        data if data.is_dir() => Err(unreadable(&"it is a folder")),
+        _ => Err(unreadable(&"it is no regular file")),
+    }
+}
+
 /// The whole file in memory.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    check_regular(path)?;
     std::fs::read(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))
 }
 

@@ -11,6 +11,9 @@ use crate::{Error, Result};
 /// Coordinates beyond this many metres are no measurement (and their squares would leave f32).
 const FARTHEST: f64 = 1e12;
 
+/// Radiance beyond this is no measurement either (the hierarchy's sums would leave f32).
+const BRIGHTEST: f32 = 1e15;
+
 /// The points of a file, coordinates still in f64.
 pub(super) struct Points {
     pub(super) positions: Vec<DVec3>,
@@ -45,15 +48,26 @@ impl Points {
         if total == 0 {
             return Err(Error::file(path, "holds no points"));
         }
-        let valid = |i: &usize| self.positions[*i].abs().max_element() <= FARTHEST && self.colors[*i].is_finite();
+        let valid = |i: &usize| {
+            self.positions[*i].abs().max_element() <= FARTHEST && self.colors[*i].abs().max_element() <= BRIGHTEST
+        };
         // `max_element` passes over NaN, so that is asked separately.
-        let kept: Vec<usize> = (0..total).filter(|i| self.positions[*i].is_finite() && valid(i)).collect();
+        let kept: Vec<usize> =
+            (0..total).filter(|i| self.positions[*i].is_finite() && self.colors[*i].is_finite() && valid(i)).collect();
         if kept.is_empty() {
-            return Err(Error::file(path, format!("holds {total} points, but none with finite position and colour")));
+            return Err(Error::file(
+                path,
+                format!(
+                    "holds {total} points, but none with finite position and colour (up to 1e12 m and a radiance of 1e15)"
+                ),
+            ));
         }
         if kept.len() < total && !self.gaps_are_normal {
             let dropped = total - kept.len();
-            tracing::warn!("{}: dropped {dropped} of {total} points: not finite", path.display());
+            tracing::warn!(
+                "{}: dropped {dropped} of {total} points: not finite, or beyond all measure",
+                path.display()
+            );
         }
         let origin = origin_of(kept.iter().map(|&i| self.positions[i]));
         let unit = |n: Vec3| n.normalize_or_zero();

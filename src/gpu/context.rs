@@ -55,6 +55,24 @@ impl Capabilities {
     pub fn feedback(&self) -> bool {
         self.missing_feedback.is_empty()
     }
+
+    /// One line that tells why the techniques with a geometry shader do not run here; `None` where they do.
+    pub fn why_no_feedback(&self) -> Option<String> {
+        let missing = &self.missing_feedback;
+        (!missing.is_empty())
+            .then(|| format!("{} lacks {}; technique classic runs without it", self.name, missing.join(", ")))
+    }
+
+    /// Lower is better: what runs at all, then what runs everything, then the faster kind.
+    fn rank(&self) -> (bool, bool, u8) {
+        let kind = match self.kind {
+            vk::PhysicalDeviceType::DISCRETE_GPU => 0,
+            vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
+            vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
+            _ => 3,
+        };
+        (!self.usable(), !self.feedback(), kind)
+    }
 }
 
 /// Messages of the validation layer.
@@ -157,15 +175,7 @@ fn ranked(instance: &ash::Instance) -> Result<Vec<(vk::PhysicalDevice, Capabilit
     // SAFETY: a plain query on a live instance.
     let physical = unsafe { instance.enumerate_physical_devices() }.map_err(vulkan("vkEnumeratePhysicalDevices"))?;
     let mut list: Vec<_> = physical.into_iter().map(|device| (device, inspect(instance, device))).collect();
-    list.sort_by_key(|(_, c)| {
-        let rank = match c.kind {
-            vk::PhysicalDeviceType::DISCRETE_GPU => 0,
-            vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
-            vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
-            _ => 3,
-        };
-        (!c.usable(), !c.feedback(), rank)
-    });
+    list.sort_by_key(|(_, capabilities)| capabilities.rank());
     Ok(list)
 }
 
@@ -296,7 +306,8 @@ impl Context {
         let debug_messenger = (options.validation && start.debug_utils)
             .then(|| messenger(&start, &validation))
             .transpose()?;
-        let opened = pick(&start.instance, options.device.as_deref())
+        let opened = ranked(&start.instance)
+            .and_then(|list| pick(list, options.device.as_deref()))
             .and_then(|(physical, capabilities)| open(&start.instance, physical, &capabilities).map(|d| (d, capabilities)));
         let (opened, capabilities) = match opened {
             Ok(opened) => opened,
@@ -424,10 +435,7 @@ impl Context {
 
     /// One line that tells why the techniques with a geometry shader do not run here.
     pub fn why_no_feedback(&self) -> Option<String> {
-        let missing = &self.capabilities.missing_feedback;
-        (!missing.is_empty()).then(|| {
-            format!("{} lacks {}; technique classic runs without it", self.capabilities.name, missing.join(", "))
-        })
+        self.capabilities.why_no_feedback()
     }
 }
 
@@ -449,9 +457,12 @@ fn messenger(
     Ok((loader, handle))
 }
 
-fn pick(instance: &ash::Instance, wanted: Option<&str>) -> Result<(vk::PhysicalDevice, Capabilities)> {
-    let list = ranked(instance)?;
-    let names = list.iter().map(|(_, c)| c.name.as_str()).collect::<Vec<_>>().join("; ");
+/// The first of `list`, or the first with `wanted` in its name; an error where that one lacks what relume needs.
+fn pick<D>(list: Vec<(D, Capabilities)>, wanted: Option<&str>) -> Result<(D, Capabilities)> {
+    let mut names = list.iter().map(|(_, c)| c.name.as_str()).collect::<Vec<_>>().join("; ");
+    if names.is_empty() {
+        names = "none".into();
+    }
     let chosen = match wanted {
         None => list.into_iter().next().ok_or_else(|| {
             Error::Device("no Vulkan device was found (tools/setup installs a software one)".into())
@@ -520,5 +531,73 @@ impl Drop for Context {
             }
             self.instance.destroy_instance(None);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A discrete device that lacks `missing` for everything and `missing_feedback` for two of the techniques.
+    fn device(name: &str, missing: &[&'static str], missing_feedback: &[&'static str]) -> Capabilities {
+        Capabilities {
+            name: name.into(),
+            kind: vk::PhysicalDeviceType::DISCRETE_GPU,
+            api_version: vk::API_VERSION_1_3,
+            driver: String::new(),
+            missing: missing.to_vec(),
+            missing_feedback: missing_feedback.to_vec(),
+            max_storage_range: 1 << 27,
+            max_texels: 1 << 27,
+            max_image_size: 16_384,
+            max_workgroups: 65_535,
+            linear_float32: true,
+        }
+    }
+
+    fn message(list: &[Capabilities], wanted: Option<&str>) -> String {
+        let list = list.iter().map(|c| ((), c.clone())).collect();
+        pick(list, wanted).expect_err("nothing suits").to_string()
+    }
+
+    #[test]
+    fn a_device_without_what_relume_needs_is_refused_by_what_it_lacks() {
+        let old = device("Old GPU", &["shaderInt64", "shaderBufferInt64Atomics"], &[]);
+        let expected = "Old GPU lacks shaderInt64, shaderBufferInt64Atomics, which relume needs";
+        assert_eq!(message(std::slice::from_ref(&old), None), expected);
+        assert_eq!(message(&[device("Good GPU", &[], &[]), old], Some("old")), expected);
+    }
+
+    #[test]
+    fn a_name_that_no_device_has_lists_those_there_are() {
+        let list = [device("First", &[], &[]), device("Second", &[], &[])];
+        assert_eq!(message(&list, Some("third")), "no device is named \"third\"; there are: First; Second");
+        assert!(message(&[], None).contains("no Vulkan device was found"));
+        assert!(message(&[], Some("third")).contains("there are: none"));
+    }
+
+    #[test]
+    fn devices_that_run_everything_come_first() {
+        let mut list = [
+            device("unusable", &["shaderInt64"], &[]),
+            device("no feedback", &[], &["geometryShader"]),
+            Capabilities { kind: vk::PhysicalDeviceType::CPU, ..device("software", &[], &[]) },
+            Capabilities { kind: vk::PhysicalDeviceType::INTEGRATED_GPU, ..device("integrated", &[], &[]) },
+            device("discrete", &[], &[]),
+        ];
+        list.sort_by_key(Capabilities::rank);
+        let names: Vec<&str> = list.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["discrete", "integrated", "software", "no feedback", "unusable"]);
+    }
+
+    #[test]
+    fn a_device_without_geometry_shaders_says_so_and_is_still_picked() {
+        let plain = device("Plain GPU", &[], &["geometryShader", "VK_EXT_transform_feedback"]);
+        let (_, picked) = pick(vec![((), plain)], None).expect("classic runs on it");
+        assert_eq!(
+            picked.why_no_feedback().as_deref(),
+            Some("Plain GPU lacks geometryShader, VK_EXT_transform_feedback; technique classic runs without it")
+        );
+        assert_eq!(device("Good GPU", &[], &[]).why_no_feedback(), None);
     }
 }

@@ -14,6 +14,9 @@ use super::extension;
 use crate::scene::{Material, Object, Primitive, Texture, Vertex};
 use crate::{Error, Result};
 
+/// Coordinates beyond this many metres are refused: their squares must fit f32.
+const FARTHEST: f32 = 1e12;
+
 /// Reads an object:
 /// - .gltf, .glb: the default scene with its node transforms; metallic-roughness materials with textures, normal maps,
 ///   emission (KHR_materials_emissive_strength) and alpha masks. Skins and animations are left at rest, blended
@@ -62,6 +65,9 @@ fn assemble(path: &Path, pieces: Vec<Piece>, materials: Vec<Material>, textures:
         }
         if let Some(index) = piece.positions.iter().position(|p| !p.is_finite()) {
             return Err(Error::file(path, format!("has a coordinate that is not finite, at vertex {index}")));
+        }
+        if let Some(index) = piece.positions.iter().position(|p| p.abs().max_element() > FARTHEST) {
+            return Err(Error::file(path, format!("has a coordinate beyond {FARTHEST:e} m, at vertex {index}")));
         }
         piece.indices.truncate(piece.indices.len() / 3 * 3);
         drop_degenerate(&mut piece);

@@ -1,0 +1,22 @@
+//! `relume bench`: measurements.
+
+mod microbuffers;
+mod pbgi;
+mod tables;
+
+use crate::Result;
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Verb {
+    /// Time and memory of every technique over viewports and micro-buffers: the paper's Table 3
+    Pbgi(pbgi::Args),
+    /// Error and time over the size of micro-buffers, ours and the paper's
+    Microbuffers(microbuffers::Args),
+}
+
+pub(super) fn run(verb: &Verb) -> Result<()> {
+    match verb {
+        Verb::Pbgi(args) => pbgi::run(args),
+        Verb::Microbuffers(args) => microbuffers::run(args),
+    }
+}
