@@ -5,7 +5,10 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use shaderc::{CompileOptions, Compiler, EnvVersion, IncludeType, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv};
+use shaderc::{
+    CompileOptions, Compiler, EnvVersion, IncludeType, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion,
+    TargetEnv,
+};
 
 fn main() {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR")).join("glsl");
@@ -19,7 +22,8 @@ fn main() {
 
     let compiler = Compiler::new().expect("shaderc starts");
     let mut failed = false;
-    let mut table = String::from("/// (name, SPIR-V) of every entry point.\npub(crate) static TABLE: &[(&str, &[u8])] = &[\n");
+    let mut table =
+        String::from("/// (name, SPIR-V) of every entry point.\npub(crate) static TABLE: &[(&str, &[u8])] = &[\n");
     for file in &files {
         let Some(kind) = kind_of(file) else { continue };
         let name = file.strip_prefix(&root).expect("collected below the root").to_string_lossy().replace('\\', "/");

@@ -37,10 +37,9 @@ fn reference(device: &Device, hierarchy: &Hierarchy) -> Vec<CutPair> {
 #[test]
 fn all_techniques_rasterise_the_same_pairs() {
     let device = Device::new();
-    for hierarchy in [
-        build(&box_cloud(vec3(1.0, 0.8, 1.2), 20_000, |p, n| p.abs() + n * 0.1 + 0.2)),
-        build(&random_cloud(5_000, 7)),
-    ] {
+    for hierarchy in
+        [build(&box_cloud(vec3(1.0, 0.8, 1.2), 20_000, |p, n| p.abs() + n * 0.1 + 0.2)), build(&random_cloud(5_000, 7))]
+    {
         let classic = cut(&device, &hierarchy, Settings { technique: Technique::Classic, ..settings() });
         assert!(classic.len() > 10_000);
         assert!(classic == reference(&device, &hierarchy), "classic rasterises other pairs than the reference");

@@ -110,17 +110,12 @@ impl Renderer {
         let hierarchy = GpuHierarchy::new(context, hierarchy)?;
         let gbuffer = GBufferPass::new(context, object)?;
         let far_field = GpuFarField::new(context, far_field)?;
-        let raster_info = RasterInfo {
-            size: settings.microbuffer,
-            walk: !feedback,
-            paper: settings.paper,
-        };
+        let raster_info = RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper };
         let convolve = ConvolvePass::new(context, raster_info, settings.material)?;
         let scene_bytes = context.bytes_now() - before;
         let bytes_per_pair = feedback::bytes_per_pair(settings.technique);
         let plan = Plan::new(context, &settings, raster_info, scene_bytes, bytes_per_pair)?;
-        let traverser =
-            feedback.then(|| Feedback::new(context, &settings, &hierarchy, plan.pairs)).transpose()?;
+        let traverser = feedback.then(|| Feedback::new(context, &settings, &hierarchy, plan.pairs)).transpose()?;
         let image_pixels = settings.width.next_multiple_of(16) * settings.height.next_multiple_of(16);
         let (low, high) = object.bounds();
         Ok(Self {
@@ -261,8 +256,7 @@ impl Renderer {
         }
         stats.rasterised_nodes = counts.drawn;
         stats.visited_pairs += counts.visited;
-        stats.microbuffer_bytes =
-            u64::from(self.micro_buffers.pixels) * self.raster_info.bytes_per_pixel();
+        stats.microbuffer_bytes = u64::from(self.micro_buffers.pixels) * self.raster_info.bytes_per_pixel();
         stats.device_bytes_peak = self.context.bytes_peak();
         stats.wall_ms = wall.as_secs_f64() * 1e3;
         tracing::debug!("frame with readback took {:.1} ms", start.elapsed().as_secs_f64() * 1e3);

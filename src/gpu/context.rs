@@ -246,8 +246,7 @@ fn inspect(instance: &ash::Instance, device: vk::PhysicalDevice) -> Capabilities
     need(feedback_limits.transform_feedback_draw != 0, "transformFeedbackDraw");
 
     // SAFETY: a plain query.
-    let float32 =
-        unsafe { instance.get_physical_device_format_properties(device, vk::Format::R32G32B32A32_SFLOAT) };
+    let float32 = unsafe { instance.get_physical_device_format_properties(device, vk::Format::R32G32B32A32_SFLOAT) };
     let text = |chars: &[c_char]| {
         let bytes: Vec<u8> = chars.iter().take_while(|c| **c != 0).map(|c| c.to_ne_bytes()[0]).collect();
         String::from_utf8_lossy(&bytes).into_owned()
@@ -303,12 +302,11 @@ impl Context {
     pub fn new(options: &ContextOptions) -> Result<Arc<Self>> {
         let start = start(options.validation)?;
         let validation = Arc::new(ValidationLog::default());
-        let debug_messenger = (options.validation && start.debug_utils)
-            .then(|| messenger(&start, &validation))
-            .transpose()?;
-        let opened = ranked(&start.instance)
-            .and_then(|list| pick(list, options.device.as_deref()))
-            .and_then(|(physical, capabilities)| open(&start.instance, physical, &capabilities).map(|d| (d, capabilities)));
+        let debug_messenger =
+            (options.validation && start.debug_utils).then(|| messenger(&start, &validation)).transpose()?;
+        let opened = ranked(&start.instance).and_then(|list| pick(list, options.device.as_deref())).and_then(
+            |(physical, capabilities)| open(&start.instance, physical, &capabilities).map(|d| (d, capabilities)),
+        );
         let (opened, capabilities) = match opened {
             Ok(opened) => opened,
             Err(error) => {
@@ -344,11 +342,8 @@ impl Context {
         let bits = families[queue_family as usize].timestamp_valid_bits;
         let core_rendering = capabilities.api_version >= vk::API_VERSION_1_3;
         Ok(Arc::new(Self {
-            feedback: capabilities
-                .feedback()
-                .then(|| ext::transform_feedback::Device::new(&start.instance, &device)),
-            dynamic_rendering: (!core_rendering)
-                .then(|| khr::dynamic_rendering::Device::new(&start.instance, &device)),
+            feedback: capabilities.feedback().then(|| ext::transform_feedback::Device::new(&start.instance, &device)),
+            dynamic_rendering: (!core_rendering).then(|| khr::dynamic_rendering::Device::new(&start.instance, &device)),
             debug_device: start.debug_utils.then(|| ext::debug_utils::Device::new(&start.instance, &device)),
             timestamp_period: limits.timestamp_period,
             timestamp_mask: if bits >= 64 { u64::MAX } else { (1 << bits) - 1 },
@@ -464,9 +459,10 @@ fn pick<D>(list: Vec<(D, Capabilities)>, wanted: Option<&str>) -> Result<(D, Cap
         names = "none".into();
     }
     let chosen = match wanted {
-        None => list.into_iter().next().ok_or_else(|| {
-            Error::Device("no Vulkan device was found (tools/setup installs a software one)".into())
-        })?,
+        None => list
+            .into_iter()
+            .next()
+            .ok_or_else(|| Error::Device("no Vulkan device was found (tools/setup installs a software one)".into()))?,
         Some(wanted) => list
             .into_iter()
             .find(|(_, c)| c.name.to_lowercase().contains(&wanted.to_lowercase()))
@@ -496,13 +492,11 @@ fn open(instance: &ash::Instance, physical: vk::PhysicalDevice, capabilities: &C
         names.push(khr::dynamic_rendering::NAME.as_ptr());
     }
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
-    let features =
-        vk::PhysicalDeviceFeatures::default().shader_int64(true).geometry_shader(capabilities.feedback());
+    let features = vk::PhysicalDeviceFeatures::default().shader_int64(true).geometry_shader(capabilities.feedback());
     let mut vulkan12 = vk::PhysicalDeviceVulkan12Features::default().shader_buffer_int64_atomics(true);
     let mut rendering = vk::PhysicalDeviceDynamicRenderingFeatures::default().dynamic_rendering(true);
-    let mut feedback = vk::PhysicalDeviceTransformFeedbackFeaturesEXT::default()
-        .transform_feedback(true)
-        .geometry_streams(true);
+    let mut feedback =
+        vk::PhysicalDeviceTransformFeedbackFeaturesEXT::default().transform_feedback(true).geometry_streams(true);
     let mut create = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(&names)

@@ -157,9 +157,7 @@ impl Buffer {
         let mut staging = Self::staging(&self.context, bytes.len().min(PIECE) as u64, MemoryLocation::CpuToGpu)?;
         for (i, piece) in bytes.chunks(PIECE).enumerate() {
             staging.mapped_mut()?[..piece.len()].copy_from_slice(piece);
-            let region = vk::BufferCopy::default()
-                .dst_offset((i * PIECE) as u64)
-                .size(piece.len() as u64);
+            let region = vk::BufferCopy::default().dst_offset((i * PIECE) as u64).size(piece.len() as u64);
             run_once(&self.context, |device, commands| {
                 // SAFETY: both buffers are live and large enough for the region.
                 unsafe { device.cmd_copy_buffer(commands, staging.handle, self.handle, &[region]) };
@@ -181,9 +179,7 @@ impl Buffer {
         }
         let staging = Self::staging(&self.context, total.min(PIECE) as u64, MemoryLocation::GpuToCpu)?;
         for (i, piece) in bytes.chunks_mut(PIECE).enumerate() {
-            let region = vk::BufferCopy::default()
-                .src_offset((i * PIECE) as u64)
-                .size(piece.len() as u64);
+            let region = vk::BufferCopy::default().src_offset((i * PIECE) as u64).size(piece.len() as u64);
             run_once(&self.context, |device, commands| {
                 // SAFETY: both buffers are live and large enough for the region.
                 unsafe { device.cmd_copy_buffer(commands, self.handle, staging.handle, &[region]) };
@@ -432,7 +428,13 @@ impl Image {
 }
 
 fn range_of(aspect: vk::ImageAspectFlags, levels: u32) -> vk::ImageSubresourceRange {
-    vk::ImageSubresourceRange { aspect_mask: aspect, base_mip_level: 0, level_count: levels, base_array_layer: 0, layer_count: 1 }
+    vk::ImageSubresourceRange {
+        aspect_mask: aspect,
+        base_mip_level: 0,
+        level_count: levels,
+        base_array_layer: 0,
+        layer_count: 1,
+    }
 }
 
 fn layers_of(aspect: vk::ImageAspectFlags, level: u32) -> vk::ImageSubresourceLayers {

@@ -121,10 +121,7 @@ impl Layout {
         unsafe {
             let set_layout = context
                 .device
-                .create_descriptor_set_layout(
-                    &vk::DescriptorSetLayoutCreateInfo::default().bindings(&described),
-                    None,
-                )
+                .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&described), None)
                 .map_err(vulkan("vkCreateDescriptorSetLayout"))?;
             let sets = [set_layout];
             let mut create = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets);
@@ -181,15 +178,13 @@ impl Layout {
             let views;
             match (resource, binding.kind) {
                 (Resource::Buffer(buffer), vk::DescriptorType::STORAGE_BUFFER) => {
-                    buffers =
-                        [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
+                    buffers = [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
                     write = write.buffer_info(&buffers);
                 }
                 (
                     Resource::Buffer(buffer),
                     vk::DescriptorType::UNIFORM_TEXEL_BUFFER | vk::DescriptorType::STORAGE_TEXEL_BUFFER,
-                ) if buffer.texels != vk::BufferView::null() =>
-                {
+                ) if buffer.texels != vk::BufferView::null() => {
                     views = [buffer.texels];
                     write = write.texel_buffer_view(&views);
                 }
@@ -429,11 +424,8 @@ impl Sampler {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn new(context: &Arc<Context>, filter: vk::Filter, along_y: vk::SamplerAddressMode) -> Result<Self> {
-        let mip = if filter == vk::Filter::LINEAR {
-            vk::SamplerMipmapMode::LINEAR
-        } else {
-            vk::SamplerMipmapMode::NEAREST
-        };
+        let mip =
+            if filter == vk::Filter::LINEAR { vk::SamplerMipmapMode::LINEAR } else { vk::SamplerMipmapMode::NEAREST };
         let create = vk::SamplerCreateInfo::default()
             .mag_filter(filter)
             .min_filter(filter)

@@ -92,15 +92,12 @@ impl Recorder {
                 .command_buffer_count(1);
             recorder.commands =
                 device.allocate_command_buffers(&allocate).map_err(vulkan("vkAllocateCommandBuffers"))?[0];
-            let begin =
-                vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             device.begin_command_buffer(recorder.commands, &begin).map_err(vulkan("vkBeginCommandBuffer"))?;
             // A begin and an end a pass.
-            let create = vk::QueryPoolCreateInfo::default()
-                .query_type(vk::QueryType::TIMESTAMP)
-                .query_count(2 * MAX_PASSES);
-            recorder.timestamps =
-                device.create_query_pool(&create, None).map_err(vulkan("vkCreateQueryPool"))?;
+            let create =
+                vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_PASSES);
+            recorder.timestamps = device.create_query_pool(&create, None).map_err(vulkan("vkCreateQueryPool"))?;
             device.cmd_reset_query_pool(recorder.commands, recorder.timestamps, 0, 2 * MAX_PASSES);
             Ok(recorder)
         }
@@ -228,9 +225,7 @@ fn submit_and_wait(context: &Context, commands: vk::CommandBuffer) -> Result<()>
     // SAFETY: the command buffer is recording and complete; the fence is destroyed after the wait.
     unsafe {
         device.end_command_buffer(commands).map_err(vulkan("vkEndCommandBuffer"))?;
-        let fence = device
-            .create_fence(&vk::FenceCreateInfo::default(), None)
-            .map_err(vulkan("vkCreateFence"))?;
+        let fence = device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(vulkan("vkCreateFence"))?;
         let buffers = [commands];
         let submit = vk::SubmitInfo::default().command_buffers(&buffers);
         let result = device

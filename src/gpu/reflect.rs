@@ -89,8 +89,7 @@ struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     fn new(module: &'a Module) -> Self {
-        let types =
-            module.types_global_values.iter().filter_map(|i| i.result_id.map(|id| (id, i))).collect();
+        let types = module.types_global_values.iter().filter_map(|i| i.result_id.map(|id| (id, i))).collect();
         let mut names = HashMap::new();
         let mut member_names = HashMap::new();
         for name in &module.debug_names {
@@ -158,11 +157,8 @@ impl<'a> Reader<'a> {
     }
 
     fn reflection(&self) -> Result<Reflection> {
-        let entry = self
-            .module
-            .entry_points
-            .first()
-            .ok_or_else(|| Error::Argument("a shader has no entry point".into()))?;
+        let entry =
+            self.module.entry_points.first().ok_or_else(|| Error::Argument("a shader has no entry point".into()))?;
         let stage = match entry.operands.first() {
             Some(Operand::ExecutionModel(ExecutionModel::Vertex)) => vk::ShaderStageFlags::VERTEX,
             Some(Operand::ExecutionModel(ExecutionModel::Geometry)) => vk::ShaderStageFlags::GEOMETRY,
@@ -199,9 +195,7 @@ impl<'a> Reader<'a> {
         let (named, kind) = match (class, kind.class.opcode) {
             (StorageClass::StorageBuffer, _) => (pointee, vk::DescriptorType::STORAGE_BUFFER),
             (StorageClass::Uniform, _) => (pointee, vk::DescriptorType::UNIFORM_BUFFER),
-            (_, Op::TypeSampledImage) if self.is_texel_buffer(kind) => {
-                (id, vk::DescriptorType::UNIFORM_TEXEL_BUFFER)
-            }
+            (_, Op::TypeSampledImage) if self.is_texel_buffer(kind) => (id, vk::DescriptorType::UNIFORM_TEXEL_BUFFER),
             (_, Op::TypeSampledImage) => (id, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
             (_, Op::TypeImage) if kind.operands.get(1) == Some(&Operand::Dim(Dim::DimBuffer)) => {
                 (id, vk::DescriptorType::STORAGE_TEXEL_BUFFER)

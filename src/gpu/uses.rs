@@ -52,9 +52,7 @@ impl Use {
             Self::ComputeRead => (S::COMPUTE_SHADER, A::SHADER_READ, L::GENERAL),
             Self::ComputeWrite => (S::COMPUTE_SHADER, A::SHADER_READ | A::SHADER_WRITE, L::GENERAL),
             Self::StorageImage => (S::COMPUTE_SHADER, A::SHADER_READ | A::SHADER_WRITE, L::GENERAL),
-            Self::SampledRead => {
-                (S::COMPUTE_SHADER | S::FRAGMENT_SHADER, A::SHADER_READ, L::SHADER_READ_ONLY_OPTIMAL)
-            }
+            Self::SampledRead => (S::COMPUTE_SHADER | S::FRAGMENT_SHADER, A::SHADER_READ, L::SHADER_READ_ONLY_OPTIMAL),
             Self::ColorTarget => (
                 S::COLOR_ATTACHMENT_OUTPUT,
                 A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE,

@@ -7,11 +7,11 @@ use half::f16;
 
 use super::Gather;
 use super::rasterise::RasterInfo;
+use crate::Result;
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet, Sampler};
 use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 use crate::scene::FarField;
-use crate::Result;
 
 /// What the object is made of.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -147,9 +147,8 @@ fn half_size(level: &FarField) -> Option<FarField> {
         return None;
     }
     let (width, height) = ((level.width / 2).max(1), (level.height / 2).max(1));
-    let texel = |x: u32, y: u32| {
-        level.radiance[(y.min(level.height - 1) * level.width + x.min(level.width - 1)) as usize]
-    };
+    let texel =
+        |x: u32, y: u32| level.radiance[(y.min(level.height - 1) * level.width + x.min(level.width - 1)) as usize];
     let radiance = (0..width * height)
         .map(|i| {
             let (x, y) = (i % width * 2, i / width * 2);

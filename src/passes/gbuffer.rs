@@ -72,9 +72,8 @@ impl GBuffer {
     /// When they do not fit the device.
     pub fn new(context: &Arc<Context>, width: u32, height: u32) -> Result<Self> {
         let color = vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::SAMPLED;
-        let image = |name, format, usage| {
-            Image::new(context, ImageInfo { name, width, height, levels: 1, format, usage })
-        };
+        let image =
+            |name, format, usage| Image::new(context, ImageInfo { name, width, height, levels: 1, format, usage });
         Ok(Self {
             position: image("G-buffer position", vk::Format::R32G32B32A32_SFLOAT, color)?,
             normal: image("G-buffer normal", vk::Format::R32G32B32A32_SFLOAT, color)?,
@@ -228,13 +227,11 @@ impl GpuObject {
             .collect::<Result<Vec<_>>>()?;
         // Stands in for textures that a material does not have; the shader does not look at it.
         let white = Texture { width: 1, height: 1, srgb: false, rgba: vec![255; 4] };
-        textures.push(upload(context, &white, &[white.rgba.clone()])?);
+        textures.push(upload(context, &white, std::slice::from_ref(&white.rgba))?);
         let mut draws = Vec::new();
         for primitive in &object.primitives {
             let material = &object.materials[primitive.material];
-            let image = |reference: Option<TextureRef>| {
-                &textures[reference.map_or(textures.len() - 1, |r| r.texture)]
-            };
+            let image = |reference: Option<TextureRef>| &textures[reference.map_or(textures.len() - 1, |r| r.texture)];
             let set = layout.bind(
                 &Bindings::new()
                     .sampled("base_color_map", image(material.base_color_texture), sampler.handle)
@@ -329,11 +326,10 @@ fn make_pipeline(
     fragment: &Shader,
     layout: vk::PipelineLayout,
 ) -> Result<vk::Pipeline> {
-    let stages = [(vertex, vk::ShaderStageFlags::VERTEX), (fragment, vk::ShaderStageFlags::FRAGMENT)].map(
-        |(shader, stage)| {
+    let stages =
+        [(vertex, vk::ShaderStageFlags::VERTEX), (fragment, vk::ShaderStageFlags::FRAGMENT)].map(|(shader, stage)| {
             vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main")
-        },
-    );
+        });
     let bindings = [vk::VertexInputBindingDescription {
         binding: 0,
         stride: size_of::<Vertex>() as u32,
@@ -354,13 +350,11 @@ fn make_pipeline(
     let input = vk::PipelineVertexInputStateCreateInfo::default()
         .vertex_binding_descriptions(&bindings)
         .vertex_attribute_descriptions(&attributes);
-    let assembly =
-        vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     // Scans and quick models are often open or turned inside out: both sides are drawn.
     let raster = vk::PipelineRasterizationStateCreateInfo::default().cull_mode(vk::CullModeFlags::NONE).line_width(1.0);
-    let samples =
-        vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
+    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let depth = vk::PipelineDepthStencilStateCreateInfo::default()
         .depth_test_enable(true)
         .depth_write_enable(true)

@@ -41,9 +41,9 @@ impl RefinePass {
         arguments: &Buffer,
         constants: Traversal,
     ) -> Result<DescriptorSet> {
-        let set = self.pipeline.bind(
-            &bindings.buffer("HandedPairs", handed).buffer("CutPairs", &self.cut).buffer("Counts", counts),
-        )?;
+        let set = self
+            .pipeline
+            .bind(&bindings.buffer("HandedPairs", handed).buffer("CutPairs", &self.cut).buffer("Counts", counts))?;
         recorder.pass("refine", |_, commands| {
             self.pipeline.dispatch_indirect(commands, &set, &constants, arguments);
         });

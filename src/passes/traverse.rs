@@ -279,18 +279,13 @@ fn make_pipeline(
         stride: PAIR_BYTES as u32,
         input_rate: vk::VertexInputRate::VERTEX,
     }];
-    let attributes = [vk::VertexInputAttributeDescription {
-        location: 0,
-        binding: 0,
-        format: vk::Format::R32G32_UINT,
-        offset: 0,
-    }];
+    let attributes =
+        [vk::VertexInputAttributeDescription { location: 0, binding: 0, format: vk::Format::R32G32_UINT, offset: 0 }];
     let input = vk::PipelineVertexInputStateCreateInfo::default()
         .vertex_binding_descriptions(&bindings)
         .vertex_attribute_descriptions(&attributes);
     let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::POINT_LIST);
-    let raster =
-        vk::PipelineRasterizationStateCreateInfo::default().rasterizer_discard_enable(true).line_width(1.0);
+    let raster = vk::PipelineRasterizationStateCreateInfo::default().rasterizer_discard_enable(true).line_width(1.0);
     let mut rendering = vk::PipelineRenderingCreateInfo::default();
     let create = vk::GraphicsPipelineCreateInfo::default()
         .stages(&stages)

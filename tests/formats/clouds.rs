@@ -421,7 +421,8 @@ fn one_point_is_a_cloud() {
         ];
         let path = put(&dir, "one.ply", ply_file(Encoding::Little, &columns));
         let towards = Vec3::new(5.0, 0.0, 9.0);
-        let cloud = load(&path, &CloudOptions { orient_towards: Some(towards.as_dvec3()), ..Default::default() }).unwrap();
+        let cloud =
+            load(&path, &CloudOptions { orient_towards: Some(towards.as_dvec3()), ..Default::default() }).unwrap();
         assert_eq!(cloud.positions, vec![Vec3::new(5.0, 0.0, 0.0); count]);
         assert_eq!(cloud.normals, vec![Vec3::Z; count]);
         let area: f32 = cloud.spacing.iter().map(|s| s * s).sum();
