@@ -32,7 +32,9 @@ layout(binding = 18) uniform sampler2D base_metallic_map;
 layout(binding = 19) uniform sampler2D emissive_roughness_map;
 layout(binding = 20) uniform sampler2D far_field;
 
-// Between these shares of a micro-pixel its covered radiance is summed as it is; outside, it is divided by the share.
+// A front layer that covers this share of a micro-pixel hides what lies behind; a smaller one lets the rest show.
+const float OPAQUE = 0.85;
+// Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
 // Always dividing would move a lamp's energy when it straddles micro-pixels.
 const float PLAIN_LOW = 0.6;
 const float PLAIN_HIGH = 1.4;
@@ -65,13 +67,17 @@ vec3 micro_radiance(uint at, uint micro, float whole) {
         uint64_t key = nearest[at + micro];
         return uint(key >> 32) < 0x7f7fffffu ? node_color(uint(key)) : vec3(-1.0);
     }
-    uvec4 sum = texelFetch(sums, int(at + micro));
-    float coverage = float(sum.a) / COVERAGE_ONE;
-    if (coverage == 0.0) return vec3(-1.0);
-    if (coverage > gather.coverage_limit) overflowed = 1u;
-    float share = coverage / whole;
-    float divisor = share < PLAIN_LOW || share > PLAIN_HIGH ? coverage : whole;
-    return vec3(sum.rgb) / (gather.color_scale * divisor);
+    uvec4 front = texelFetch(sums, int(2u * (at + micro)));
+    uvec4 back = texelFetch(sums, int(2u * (at + micro) + 1u));
+    vec2 coverage = vec2(front.a, back.a) / COVERAGE_ONE;
+    if (coverage.x + coverage.y == 0.0) return vec3(-1.0);
+    if (max(coverage.x, coverage.y) > gather.coverage_limit) overflowed = 1u;
+    vec3 front_mean = vec3(front.rgb) / max(1e-9, gather.color_scale * coverage.x);
+    vec3 back_mean = vec3(back.rgb) / max(1e-9, gather.color_scale * coverage.y);
+    float opaque = coverage.y > 0.0 ? min(1.0, coverage.x / (OPAQUE * whole)) : 1.0;
+    float share = coverage.x / whole;
+    float kept = opaque == 1.0 && share > PLAIN_LOW && share < PLAIN_HIGH ? share : opaque;
+    return front_mean * kept + back_mean * (1.0 - opaque);
 }
 
 vec3 reflectance(Surface surface, vec3 normal, vec3 light, vec3 view) {

@@ -1,6 +1,7 @@
 #version 460
-// Second half of rasterising the cut: every node of the front layer (at most 25 % farther than the nearest) adds its
-// radiance to the micro-pixels under it, weighted by the share that it covers. Sums are fixed-point integers, so that
+// Second half of rasterising the cut: every node adds its radiance to the micro-pixels under it, weighted by the share
+// that it covers: to the front layer where it is at most 25 % farther than the nearest, else to what shows where the
+// front layer leaves a micro-pixel open. Sums are fixed-point integers, so that
 // order does not matter; a micro-pixel belongs to one invocation, so that they need no atomics.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
@@ -23,11 +24,12 @@ const float FRONT_LAYER = 1.25;
 
 void add(uint at, float share, vec3 color, float depth) {
     float front = uintBitsToFloat(texelFetch(nearest_halves, int(at)).y);
-    if (depth > FRONT_LAYER * front) return;
+    uint layer = depth > FRONT_LAYER * front ? 1u : 0u;
     precise vec4 part = vec4(color, COVERAGE_ONE) * share;
     uvec4 fixed_part = uvec4(part + 0.5);
-    sums[2u * at] += (uint64_t(fixed_part.g) << 32) | uint64_t(fixed_part.r);
-    sums[2u * at + 1u] += (uint64_t(fixed_part.a) << 32) | uint64_t(fixed_part.b);
+    uint word = 4u * at + 2u * layer;
+    sums[word] += (uint64_t(fixed_part.g) << 32) | uint64_t(fixed_part.r);
+    sums[word + 1u] += (uint64_t(fixed_part.a) << 32) | uint64_t(fixed_part.b);
 }
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector);

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::stage::{self, Stage};
 use super::{render, values};
+use crate::cli::output::say;
 use crate::compare::{self, Image, Tile, contact_sheet, difference_map, luminance, to_srgb8};
 use crate::formats::image::{ExrLayers, write_exr, write_png};
 use crate::frames::{Frame, MaterialChoice, Paper, Settings, Technique};
@@ -65,7 +66,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     std::fs::create_dir_all(&args.out).map_err(|e| Error::file(&args.out, format!("cannot be made: {e}")))?;
     values::check_output(&args.out.join("contact.png"), &["png"])?;
     let context = Context::new(&ContextOptions::default())?;
-    println!("device: {}", context.capabilities.name);
+    say!("device: {}", context.capabilities.name)?;
     let techniques = stage::techniques(&context);
     let demo = Demo::new(context, args)?;
 
@@ -81,11 +82,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     );
     let sheet = contact_sheet(&title, COLUMNS, &tiles)?;
     demo.write("contact.png", &sheet)?;
-    println!(
+    say!(
         "{}: the contact sheet of all pictures; {:.1} s in all",
         args.out.join("contact.png").display(),
         start.elapsed().as_secs_f64()
-    );
+    )?;
     Ok(())
 }
 
@@ -129,8 +130,8 @@ fn exposure(image: &Image) -> f32 {
 }
 
 /// A line about a step.
-fn say(seconds: f64, what: &str) {
-    println!("{seconds:>7.2} s  {what}");
+fn tell(seconds: f64, what: &str) -> Result<()> {
+    say!("{seconds:>7.2} s  {what}")
 }
 
 impl Demo {
@@ -138,9 +139,9 @@ impl Demo {
         let object = stage::placed(trophy(), PLACE);
         let options = BakeOptions { texel: 0.03, direct_samples: 48, bounced_samples: 512, ..BakeOptions::default() };
         let stage = Stage::new(room_with_post(&object), POINTS, &options)?;
-        say(stage.bake_s, "baked the room's light by path tracing");
-        say(stage.scan_s, &format!("scanned it into {} points", stage.build.points));
-        say(stage.build_s, &format!("built a hierarchy of {} nodes", stage.build.nodes_after));
+        tell(stage.bake_s, "baked the room's light by path tracing")?;
+        tell(stage.scan_s, &format!("scanned it into {} points", stage.build.points))?;
+        tell(stage.build_s, &format!("built a hierarchy of {} nodes", stage.build.nodes_after))?;
         // Window and lamp lie on the eye's side of the object and show in its metal; the red wall is behind it.
         let camera = Camera { from: Vec3::new(1.2, 1.3, -1.6), at: PLACE, fov_y: 37.0_f32.to_radians() };
         let quarter = args.size / 4;
@@ -154,10 +155,10 @@ impl Demo {
         let layers = ExrLayers { width: side, height: side, rgb, alpha: None, groups: &[] };
         write_exr(&demo.out.join("backdrop.exr"), &layers)?;
         demo.write("backdrop.png", &to_srgb8(&demo.backdrops[0], stops)?)?;
-        say(
+        tell(
             start.elapsed().as_secs_f64(),
             "backdrop.exr, .png: the room as the path tracer sees it, without the object",
-        );
+        )?;
         Ok(demo)
     }
 
@@ -191,7 +192,7 @@ impl Demo {
         self.write(&format!("{name}.png"), &picture)?;
         let rendered =
             format!("{name}.exr, .png: {side}x{side}, {technique}, {} pixels lit", frame.stats.covered_pixels);
-        say(frame.stats.wall_ms / 1e3, &rendered);
+        tell(frame.stats.wall_ms / 1e3, &rendered)?;
         Ok((frame, picture))
     }
 
@@ -244,7 +245,7 @@ impl Demo {
             let map = difference_map(&image, &truth, Some(range))?;
             self.write(&format!("{prefix}-{name}-error.png"), &map)?;
             let numbers = format!("relative RMS {:.3}, bias {:+.3}", metrics.relative_rms_luminance, metrics.bias);
-            println!("{:>9}  {prefix}-{name}-error.png: {numbers}", "");
+            say!("{:>9}  {prefix}-{name}-error.png: {numbers}", "")?;
             if way == "ours" {
                 let caption = "path-traced; the object casts no shadow".into();
                 tiles.push(Tile { image: self.in_the_room(&truth)?, title: format!("{name}: truth"), caption });
@@ -264,7 +265,10 @@ impl Demo {
         let layers = ExrLayers { width, height, rgb: &truth.rgb, alpha: Some(&truth.alpha), groups: &[] };
         write_exr(&self.path(&format!("{name}.exr")), &layers)?;
         self.write(&format!("{name}.png"), &self.in_the_room(&truth)?)?;
-        say(start.elapsed().as_secs_f64(), &format!("{name}.exr, .png: path-traced, {TRUTH_SAMPLES} samples a pixel"));
+        tell(
+            start.elapsed().as_secs_f64(),
+            &format!("{name}.exr, .png: path-traced, {TRUTH_SAMPLES} samples a pixel"),
+        )?;
         Ok(truth)
     }
 
@@ -280,7 +284,7 @@ impl Demo {
             if let Some(classic) = &first {
                 let same = if classic.rgba == frame.rgba { "equal to the byte" } else { "NOT equal" };
                 caption = format!("{caption}, {:.2} of classic; {same}", frame.stats.wall_ms / classic.stats.wall_ms);
-                println!("{:>9}  {technique}: {caption}", "");
+                say!("{:>9}  {technique}: {caption}", "")?;
             }
             tiles.push(Tile { image: picture, title: technique.to_string(), caption });
             first.get_or_insert(frame);

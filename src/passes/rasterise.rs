@@ -28,7 +28,7 @@ impl RasterInfo {
         match self.paper {
             Paper { image: true, .. } => micro_pixels * 8,
             Paper { coverage: true, .. } => micro_pixels * 8,
-            _ => micro_pixels * 24,
+            _ => micro_pixels * 40,
         }
     }
 
@@ -43,7 +43,7 @@ impl RasterInfo {
 pub struct MicroBuffers {
     /// Depth and node of the nearest, 64 bits a micro-pixel; a token where the paper's image is the store.
     pub nearest: Buffer,
-    /// Fixed-point sums, two 64-bit words a micro-pixel; a token where one node a micro-pixel is kept.
+    /// Fixed-point sums of two layers, four 64-bit words a micro-pixel; a token where one node a micro-pixel is kept.
     pub sums: Buffer,
     /// The paper's store; a token otherwise.
     pub store: Image,
@@ -87,7 +87,7 @@ impl MicroBuffers {
             sums: Buffer::with_texels(
                 context,
                 "micro-buffer sums",
-                if info.paper.one_node() { 0 } else { micro_pixels * 16 },
+                if info.paper.one_node() { 0 } else { micro_pixels * 32 },
                 vk::Format::R32G32B32A32_UINT,
             )?,
             store,
@@ -103,7 +103,7 @@ impl MicroBuffers {
     /// Most micro-buffers that the device's limits on buffers and images allow at once.
     pub fn most(context: &Context, info: RasterInfo) -> u64 {
         let micro_pixels = u64::from(info.size * info.size);
-        let by_buffer = context.capabilities.max_storage_range / (micro_pixels * 16);
+        let by_buffer = context.capabilities.max_storage_range / (micro_pixels * 32);
         let side = u64::from(context.capabilities.max_image_size / info.size);
         if info.paper.image { side * side } else { by_buffer }
     }
@@ -154,7 +154,7 @@ impl MicroBuffers {
                     device.cmd_fill_buffer(commands, self.nearest.handle, 0, micro_pixels * 8, NO_DEPTH);
                 }
                 if !self.info.paper.one_node() {
-                    device.cmd_fill_buffer(commands, self.sums.handle, 0, micro_pixels * 16, 0);
+                    device.cmd_fill_buffer(commands, self.sums.handle, 0, micro_pixels * 32, 0);
                 }
                 for cursors in &self.cursors {
                     device.cmd_fill_buffer(commands, cursors.handle, 0, u64::from(pixels) * 4, 0);

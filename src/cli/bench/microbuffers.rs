@@ -6,6 +6,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use crate::Result;
+use crate::cli::output::say;
 use crate::cli::stage::{self, Stage};
 use crate::cli::{progress, render, values};
 use crate::compare::{Axis, Metrics, Plot, Series, compare};
@@ -94,12 +95,20 @@ pub(super) fn run(args: &Args) -> Result<()> {
         ),
         points: Vec::new(),
     };
-    println!("{}\n{}, {technique}; truth {}", report.scene, report.device, report.truth);
-    println!("time: one frame, G-buffer to image, after a warm-up\n");
-    println!(
+    say!("{}\n{}, {technique}; truth {}", report.scene, report.device, report.truth)?;
+    say!("time: one frame, G-buffer to image, after a warm-up\n")?;
+    say!(
         "{:<12} {:<6} {:>5} {:>13} {:>8} {:>7} {:>7} {:>9} {:>12}",
-        "material", "way", "size", "relative RMS", "bias", "SSIM", "FLIP", "ms", "nodes/pixel"
-    );
+        "material",
+        "way",
+        "size",
+        "relative RMS",
+        "bias",
+        "SSIM",
+        "FLIP",
+        "ms",
+        "nodes/pixel"
+    )?;
     for &(name, material) in materials {
         let base = Settings { technique, material, width: SIDE, height: SIDE, ..Settings::default() };
         let mut truth = None;
@@ -115,10 +124,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 let Metrics { relative_rms_luminance, bias, ssim, flip, .. } = compare(&image, truth)?;
                 let (wall_ms, covered) = (frame.stats.wall_ms, frame.stats.covered_pixels.max(1) as f64);
                 let rasterised_per_pixel = frame.stats.rasterised_nodes as f64 / covered;
-                println!(
+                say!(
                     "{name:<12} {way:<6} {microbuffer:>5} {relative_rms_luminance:>13.4} {bias:>+8.4} {ssim:>7.4} \
                      {flip:>7.4} {wall_ms:>9.1} {rasterised_per_pixel:>12.0}"
-                );
+                )?;
                 report.points.push(Point {
                     material: name,
                     way,

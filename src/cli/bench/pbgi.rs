@@ -10,6 +10,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::tables;
+use crate::cli::output::say;
 use crate::cli::stage::{self, Stage};
 use crate::cli::{progress, render, values};
 use crate::frames::{Frame, Renderer, Settings, Technique};
@@ -125,7 +126,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let (viewports, microbuffers) = (vec![128, 256, 512, 1024], vec![16, 24, 32]);
         (vec![toy, large], Grid { viewports, microbuffers, techniques, memory_budget })
     };
-    println!("{device}, {driver}\n{HOW}");
+    say!("{device}, {driver}\n{HOW}")?;
     let (mut rooms, mut cells) = (Vec::new(), Vec::new());
     let result = sources.iter().try_for_each(|source| {
         let stage = stage_of(source, &mut rooms)?;
@@ -155,10 +156,14 @@ fn stage_of(&(name, room, _, points, texel): &Source, rooms: &mut Vec<RoomReport
         bake_s: stage.bake_s,
         build_s: stage.build_s,
     };
-    println!(
+    say!(
         "{name}: {} points, {} nodes ({} before pruning); baked in {:.1} s, built in {:.2} s",
-        report.points, report.nodes, report.nodes_before_pruning, report.bake_s, report.build_s
-    );
+        report.points,
+        report.nodes,
+        report.nodes_before_pruning,
+        report.bake_s,
+        report.build_s
+    )?;
     rooms.push(report);
     Ok(stage)
 }
