@@ -16,7 +16,7 @@ pub(super) struct Args {
     #[arg(short, long, value_name = "OUT.bsh")]
     out: PathBuf,
     /// The file's up axis
-    #[arg(long, value_enum, default_value_t = render::UpAxis::Y)]
+    #[arg(long, value_enum, default_value_t = render::UpAxis::Y, allow_hyphen_values = true)]
     up: render::UpAxis,
     /// Where estimated normals look, when the file does not know where the scanner stood [default: the middle]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]

@@ -25,6 +25,9 @@ pub(super) enum UpAxis {
     Y,
     /// +Z, turned to +Y
     Z,
+    /// -Y, as in scans of depth cameras, turned to +Y
+    #[value(name = "-y")]
+    MinusY,
 }
 
 #[derive(Debug, clap::Args)]
@@ -45,7 +48,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "DEG", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
     object_turn: f64,
     /// The cloud's up axis
-    #[arg(long, value_enum, default_value_t = UpAxis::Y)]
+    #[arg(long, value_enum, default_value_t = UpAxis::Y, allow_hyphen_values = true)]
     up: UpAxis,
     /// Where estimated normals look, when the cloud does not know where the scanner stood [default: the object]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
@@ -320,6 +323,7 @@ pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Res
     let up = match up {
         UpAxis::Y => Up::Y,
         UpAxis::Z => Up::Z,
+        UpAxis::MinusY => Up::MinusY,
     };
     cloud::load(path, &CloudOptions { up, orient_towards: towards })
 }

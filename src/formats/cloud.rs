@@ -17,6 +17,8 @@ pub enum Up {
     Y,
     /// +Z, as in surveying: (x, y, z) becomes (x, z, -y).
     Z,
+    /// -Y, as in the images of depth cameras, which look along +Z: (x, y, z) becomes (x, -y, -z).
+    MinusY,
 }
 
 /// What a file cannot say about itself.
@@ -43,19 +45,21 @@ pub fn load(path: &Path, options: &CloudOptions) -> Result<Cloud> {
         "las" | "laz" => las::read(path)?,
         _ => return Err(Error::file(path, "is not a known kind of point cloud: expected .ply, .pcd, .las or .laz")),
     };
-    if options.up == Up::Z {
-        turn_z_up(&mut cloud);
+    match options.up {
+        Up::Y => {}
+        Up::Z => turn(&mut cloud, |v| DVec3::new(v.x, v.z, -v.y)),
+        Up::MinusY => turn(&mut cloud, |v| DVec3::new(v.x, -v.y, -v.z)),
     }
     let towards = options.orient_towards.map(|point| (point - cloud.origin).as_vec3());
     neighbours::complete(&mut cloud, towards)?;
     Ok(cloud)
 }
 
-/// Turns a scan whose +Z points up by -90 degrees about x.
-fn turn_z_up(cloud: &mut Cloud) {
-    let turn = |v: &mut Vec3| *v = Vec3::new(v.x, v.z, -v.y);
+/// Turns a cloud by a rotation that only swaps axes and signs, which is exact in any precision.
+fn turn(cloud: &mut Cloud, rotation: impl Fn(DVec3) -> DVec3) {
+    let turn = |v: &mut Vec3| *v = rotation(v.as_dvec3()).as_vec3();
     cloud.positions.iter_mut().for_each(turn);
     cloud.normals.iter_mut().for_each(turn);
     cloud.viewpoint.iter_mut().for_each(turn);
-    cloud.origin = DVec3::new(cloud.origin.x, cloud.origin.z, -cloud.origin.y);
+    cloud.origin = rotation(cloud.origin);
 }
