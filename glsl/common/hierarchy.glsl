@@ -4,7 +4,8 @@
 layout(binding = 0) uniform samplerBuffer node_spheres; // centre, radius
 layout(binding = 1) uniform usamplerBuffer node_cones;
 layout(binding = 2) uniform samplerBuffer node_areas; // sum of area times normal, square metres; w: carries the skip
-// Sum of luminance times area times normal; w: carries the chromaticity.
+// Sum of luminance times area times normal; w: carries the chromaticity. Where a micro-pixel keeps one node, as in the
+// paper: the mean radiance, linear Rec. 709.
 layout(binding = 3) uniform samplerBuffer node_radiances;
 
 // Bits that a float carries: bit 30 makes sure that it is a normal number, which devices move as it is, where small
@@ -44,6 +45,9 @@ float exact_dot(vec3 a, vec3 b) {
     precise float sum = a.x * b.x + a.y * b.y + a.z * b.z;
     return sum;
 }
+
+// The paper's colour: the mean over all points, the same from all sides (Sabbadin 2019, 5.1).
+vec3 node_mean(uint node) { return texelFetch(node_radiances, int(node)).rgb; }
 
 // Channels divided by the largest (passes::packed_chromaticity).
 vec3 chromaticity(uint bits) {

@@ -34,15 +34,6 @@ Site load_site(uint pixel) {
     return site;
 }
 
-// The largest channel of any point's radiance, which the scale to fixed point was made from.
-float brightest_radiance() { return 4294967296.0 / ((gather.coverage_limit + 1.0) * gather.color_scale); }
-
-// Radiance of a node that fills a micro-pixel alone, in the paper's ways of rasterising. The paper shows the mean colour
-// from all sides; this is the side towards the pixel, as everywhere else, so that the ways differ in coverage only.
-vec3 radiance_towards(Site site, uint node) {
-    return node_radiance(node, node_sphere(node).xyz - site.position, node_area(node).vector, brightest_radiance());
-}
-
 // What a node covers of a pixel's micro-buffer: a box of even density around the projection of its centre, in
 // micro-pixels, with the extent of the node's area seen from the pixel and its exact projected solid angle.
 struct Footprint {

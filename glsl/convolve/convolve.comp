@@ -54,7 +54,7 @@ vec3 far_radiance(vec3 direction, float solid_angle) {
 }
 
 // Covered radiance of a micro-pixel; negative where no node covers it. `whole` is its area inside the disc.
-vec3 micro_radiance(Site site, uint at, uint micro, float whole) {
+vec3 micro_radiance(uint at, uint micro, float whole) {
     if (IMAGE_STORE) {
         uint buffer_index = at / MICRO_PIXELS;
         ivec2 corner = ivec2(uvec2(buffer_index % gather.store_columns, buffer_index / gather.store_columns) * SIZE);
@@ -63,7 +63,7 @@ vec3 micro_radiance(Site site, uint at, uint micro, float whole) {
     }
     if (ONE_NODE) {
         uint64_t key = nearest[at + micro];
-        return uint(key >> 32) < 0x7f7fffffu ? radiance_towards(site, uint(key)) : vec3(-1.0);
+        return uint(key >> 32) < 0x7f7fffffu ? node_mean(uint(key)) : vec3(-1.0);
     }
     uvec4 sum = texelFetch(sums, int(at + micro));
     float coverage = float(sum.a) / COVERAGE_ONE;
@@ -131,7 +131,7 @@ void main() {
         uint micro = micro_indices[m];
         vec4 middle = micro_directions[m];
         vec3 light = site.tangent * middle.x + site.bitangent * middle.y + site.normal * middle.z;
-        vec3 incoming = micro_radiance(site, start, micro, middle.w);
+        vec3 incoming = micro_radiance(start, micro, middle.w);
         if (incoming.x < 0.0) incoming = far_radiance(light, middle.w * cell_area / max(middle.z, 0.02));
         // Projected solid angle: exact, or Eq. 5's 2 pi / size^2 times the cosine.
         float weight = PAPER_WEIGHTS ? 2.0 * PI / float(MICRO_PIXELS) * middle.z : middle.w * cell_area;

@@ -24,14 +24,14 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector);
 void finish();
 #include "common/raster_loop.glsl"
 
-void put(uint start, Site site, uint x, uint y, float depth, uint node) {
+void put(uint start, uint x, uint y, float depth, uint node) {
     if (IMAGE_STORE) {
         uint buffer_index = start / MICRO_PIXELS;
         ivec2 at = ivec2(uvec2(buffer_index % gather.store_columns, buffer_index / gather.store_columns) * SIZE
                          + uvec2(x, y));
         // Depth in the fourth channel; zero where nothing has been stored.
         float stored = imageLoad(store, at).a;
-        if (stored == 0.0 || depth < stored) imageStore(store, at, vec4(radiance_towards(site, node), depth));
+        if (stored == 0.0 || depth < stored) imageStore(store, at, vec4(node_mean(node), depth));
     } else {
         uint at = start + y * SIZE + x;
         uint64_t key = (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(node);
@@ -74,7 +74,7 @@ void rasterise_sphere(uint start, Site site, uint node, vec3 centre) {
             if (!inside && (along <= 0.0 || distance2 - along * along > radius * radius)) continue;
             float depth = plane / dot(direction, local_axis);
             bool sensible = depth > max(0.0, centre_distance - radius) && depth < centre_distance + radius;
-            put(start, site, uint(x), uint(y), sensible ? depth : centre_distance, node);
+            put(start, uint(x), uint(y), sensible ? depth : centre_distance, node);
         }
     }
 }
@@ -87,7 +87,7 @@ void rasterise_box(uint start, Site site, uint node, vec3 centre, vec3 area_vect
     ivec2 last = ivec2(clamp(floor(footprint.high - 0.5), -1.0, float(SIZE) - 1.0));
     work += uint(max(last.x - first.x + 2, 0) * max(last.y - first.y + 1, 0));
     for (int y = first.y; y <= last.y; ++y) {
-        for (int x = first.x; x <= last.x; ++x) put(start, site, uint(x), uint(y), footprint.depth, node);
+        for (int x = first.x; x <= last.x; ++x) put(start, uint(x), uint(y), footprint.depth, node);
     }
 }
 

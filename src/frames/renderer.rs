@@ -107,7 +107,7 @@ impl Renderer {
             return Err(Error::Device(why));
         }
         let before = context.bytes_now();
-        let hierarchy = GpuHierarchy::new(context, hierarchy)?;
+        let hierarchy = GpuHierarchy::new(context, hierarchy, settings.paper)?;
         let gbuffer = GBufferPass::new(context, object)?;
         let far_field = GpuFarField::new(context, far_field)?;
         let raster_info = RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper };

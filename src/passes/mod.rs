@@ -116,7 +116,8 @@ pub fn sin2_of_share(share: f64) -> f32 {
 }
 
 /// The hierarchy on the device: 40 bytes a node for the traversal (sphere, normal cone, area vector and skip), as many
-/// as the paper's node has, and 16 for the radiance (radiance vector and chromaticity).
+/// as the paper's node has, and 16 for the radiance (radiance vector and chromaticity; the mean colour for the paper's
+/// ways that keep one node a micro-pixel, which would not be the paper's with another).
 pub struct GpuHierarchy {
     spheres: Buffer,
     cones: Buffer,
@@ -131,11 +132,11 @@ pub struct GpuHierarchy {
 }
 
 impl GpuHierarchy {
-    /// Uploads a hierarchy.
+    /// Uploads a hierarchy for renderings in the given ways of the paper.
     ///
     /// # Errors
     /// [`Error::Limit`] for 2^29 nodes or more, or when an array is larger than the device's buffers.
-    pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy, paper: Paper) -> Result<Self> {
         let nodes = hierarchy.len();
         if nodes > MOST_NODES {
             return Err(Error::Limit(format!("the hierarchy has {nodes} nodes; devices get at most {MOST_NODES}")));
@@ -151,7 +152,10 @@ impl GpuHierarchy {
             .radiance_vectors
             .iter()
             .zip(&hierarchy.colors)
-            .map(|([x, y, z], color)| [*x, *y, *z, float_with(packed_chromaticity(*color))])
+            .map(|([x, y, z], color)| match *color {
+                [r, g, b] if paper.one_node() => [r, g, b, 0.0],
+                color => [*x, *y, *z, float_with(packed_chromaticity(color))],
+            })
             .collect();
         Ok(Self {
             spheres: Buffer::texels_from_slice(context, "node spheres", &hierarchy.spheres, four)?,
