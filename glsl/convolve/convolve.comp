@@ -65,7 +65,7 @@ vec3 micro_radiance(uint at, uint micro, float whole) {
     }
     if (ONE_NODE) {
         uint64_t key = nearest[at + micro];
-        return uint(key >> 32) < 0x7f7fffffu ? node_color(uint(key)) : vec3(-1.0);
+        return uint(key >> 32) < 0x7f7fffffu ? node_mean(uint(key)) : vec3(-1.0);
     }
     uvec4 front = texelFetch(sums, int(2u * (at + micro)));
     uvec4 back = texelFetch(sums, int(2u * (at + micro) + 1u));

@@ -39,7 +39,10 @@ void finish() {}
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
     Footprint footprint = footprint_of(site, centre, area_vector);
     if (footprint.density <= 0.0) return;
-    vec3 color = node_color(node) * gather.color_scale;
+    // The largest channel of any point's radiance, from which the scale to fixed point was made.
+    float brightest = 4294967296.0 / ((gather.coverage_limit + 1.0) * gather.color_scale);
+    precise vec3 radiance = node_radiance(node, centre - site.position, area_vector, brightest);
+    precise vec3 color = radiance * gather.color_scale;
     uvec2 first = uvec2(clamp(footprint.low, vec2(0.0), vec2(float(SIZE) - 1.0)));
     uvec2 last = uvec2(clamp(footprint.high, vec2(0.0), vec2(float(SIZE) - 1.0)));
     uvec2 count = last - first + 1u;

@@ -3,7 +3,7 @@ layout(push_constant) uniform Gather {
     uint pixels;        // pixel slots in the receiver buffers
     uint first_entry;   // this chunk's entries: first and count
     uint entry_count;
-    float color_scale;  // radiance to fixed point: 2^32 / (coverage_limit * brightest channel)
+    float color_scale;  // radiance to fixed point: 2^32 / ((coverage_limit + 1) * brightest channel)
     vec3 eye;           // world space
     float coverage_limit; // sum of coverage that the fixed-point sums hold, in micro-pixels
     uint width;         // of the image region, pixels

@@ -31,7 +31,7 @@ void put(uint start, uint x, uint y, float depth, uint node) {
                          + uvec2(x, y));
         // Depth in the fourth channel; zero where nothing has been stored.
         float stored = imageLoad(store, at).a;
-        if (stored == 0.0 || depth < stored) imageStore(store, at, vec4(node_color(node), depth));
+        if (stored == 0.0 || depth < stored) imageStore(store, at, vec4(node_mean(node), depth));
     } else {
         uint at = start + y * SIZE + x;
         uint64_t key = (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(node);

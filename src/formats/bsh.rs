@@ -6,13 +6,13 @@
 //! | --- | --- |
 //! | 9 | `RELUMEBSH` |
 //! | 3 | zero |
-//! | 4 | version, u32: 1 |
+//! | 4 | version, u32: 2 |
 //! | 8 | number of nodes n, u64 |
 //! | 4 | depth, u32 |
-//! | 4 | zero |
+//! | 4 | radiance of the brightest point, f32 |
 //! | 8 | number of points that the hierarchy was built from, u64 |
 //! | 24 | origin x, y, z, f64: what to add to the centres, see [`crate::scene::Cloud::origin`] |
-//! | 56 n | spheres, cones, skips, area vectors, colors, areas, each as in [`Hierarchy`] |
+//! | 68 n | spheres, cones, skips, area vectors, colors, radiance vectors, areas, each as in [`Hierarchy`] |
 //! | 4 | CRC-32 (IEEE) of all bytes before it |
 
 use std::fs::File;
@@ -29,10 +29,10 @@ use crate::{Error, Result};
 const MAGIC: [u8; 9] = *b"RELUMEBSH";
 
 /// Goes up with every change of the layout; files of other versions are refused, since they are quick to build again.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
-/// Bytes a node: 16 sphere, 8 cone, 4 skip, 12 area vector, 12 color, 4 area.
-const NODE_BYTES: u64 = 56;
+/// Bytes a node: 16 sphere, 8 cone, 4 skip, 12 area vector, 12 color, 12 radiance vector, 4 area.
+const NODE_BYTES: u64 = 68;
 
 /// Bytes of the checksum.
 const CHECKSUM_BYTES: u64 = 4;
@@ -57,7 +57,7 @@ struct Header {
     version: u32,
     nodes: u64,
     depth: u32,
-    also_zero: u32,
+    brightest_point: f32,
     points: u64,
     origin: [f64; 3],
 }
@@ -77,17 +77,18 @@ pub fn write(path: &Path, hierarchy: &Hierarchy, source: BshInfo) -> Result<()> 
         version: VERSION,
         nodes: hierarchy.len() as u64,
         depth: hierarchy.depth,
-        also_zero: 0,
+        brightest_point: hierarchy.brightest_point,
         points: source.points,
         origin: source.origin.to_array(),
     };
-    let arrays: [&[u8]; 7] = [
+    let arrays: [&[u8]; 8] = [
         bytemuck::bytes_of(&header),
         bytemuck::cast_slice(&hierarchy.spheres),
         bytemuck::cast_slice(&hierarchy.cones),
         bytemuck::cast_slice(&hierarchy.skips),
         bytemuck::cast_slice(&hierarchy.area_vectors),
         bytemuck::cast_slice(&hierarchy.colors),
+        bytemuck::cast_slice(&hierarchy.radiance_vectors),
         bytemuck::cast_slice(&hierarchy.areas),
     ];
     whole::write(path, |out| {
@@ -193,8 +194,10 @@ fn read_body(header: &Header, source: &mut Source) -> io::Result<(Hierarchy, boo
         skips: source.array(nodes)?,
         area_vectors: source.array(nodes)?,
         colors: source.array(nodes)?,
+        radiance_vectors: source.array(nodes)?,
         areas: source.array(nodes)?,
         depth: header.depth,
+        brightest_point: header.brightest_point,
     };
     let computed = source.checksum.clone().finalize();
     let mut stored = 0u32;
@@ -283,7 +286,7 @@ mod tests {
         let (hierarchy, info) = read_with_info(&path).expect("it is sound");
         assert_eq!((hierarchy, info), (some_hierarchy(), INFO));
         assert_eq!(bytes.len() as u64, 64 + NODE_BYTES * some_hierarchy().len() as u64 + CHECKSUM_BYTES);
-        assert_eq!(bytes[..16], *b"RELUMEBSH\0\0\0\x01\0\0\0");
+        assert_eq!(bytes[..16], *b"RELUMEBSH\0\0\0\x02\0\0\0");
     }
 
     #[test]
@@ -314,7 +317,11 @@ mod tests {
     fn headers_that_make_no_sense_are_refused_before_anything_is_allocated() {
         let (_folder, path, bytes) = saved();
         assert!(refusal(&path, put(&bytes, 0, *b"PLY")).contains("does not begin with RELUMEBSH"));
-        assert!(refusal(&path, put(&bytes, 12, 2u32.to_le_bytes())).contains("version 2 of the format"));
+        for version in [1, 3] {
+            let message = refusal(&path, put(&bytes, 12, u32::to_le_bytes(version)));
+            let expected = format!("version {version} of the format, this program reads version 2; build it again");
+            assert!(message.contains(&expected), "{message}");
+        }
         for nodes in [0, 1 << 20, 1 << 40] {
             assert!(refusal(&path, put(&bytes, 16, u64::to_le_bytes(nodes))).contains("bytes long and should be"));
         }
@@ -332,6 +339,7 @@ mod tests {
         let nodes = some_hierarchy().len();
         let skips = 64 + 24 * nodes;
         assert!(refusal(&path, put(&bytes, 24, 3u32.to_le_bytes())).contains("the stated depth is 3"));
+        assert!(refusal(&path, put(&bytes, 28, f32::NAN.to_le_bytes())).contains("the brightest point"));
         assert!(refusal(&path, put(&bytes, 40, f64::NAN.to_le_bytes())).contains("the origin"));
         assert!(refusal(&path, put(&bytes, 64, f32::NAN.to_le_bytes())).contains("centre of node 0"));
         assert!(refusal(&path, put(&bytes, skips, u32::MAX.to_le_bytes())).contains("the root ends at"));

@@ -107,7 +107,7 @@ impl Renderer {
             return Err(Error::Device(why));
         }
         let before = context.bytes_now();
-        let hierarchy = GpuHierarchy::new(context, hierarchy)?;
+        let hierarchy = GpuHierarchy::new(context, hierarchy, settings.paper)?;
         let gbuffer = GBufferPass::new(context, object)?;
         let far_field = GpuFarField::new(context, far_field)?;
         let raster_info = RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper };
@@ -430,12 +430,13 @@ impl Renderer {
     }
 
     fn gather(&self, region: &Region, camera: &Camera, coverage_limit: f32, first: u32, count: u32) -> Gather {
-        let brightest = f64::from(self.hierarchy.brightest.max(f32::MIN_POSITIVE));
+        // Not so dark that the scale would be infinite: black clouds.
+        let brightest = f64::from(self.hierarchy.brightest.max(1e-20));
         Gather {
             pixels: region.receivers.pixels,
             first_entry: first,
             entry_count: count,
-            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest colour, and one to spare.
+            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest radiance, and one to spare.
             color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
             eye: camera.from.into(),
             coverage_limit,

@@ -14,9 +14,9 @@ use std::sync::Arc;
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
 
-use crate::Result;
 use crate::gpu::{Bindings, Buffer, Constant, Context};
 use crate::preprocess::hierarchy::Hierarchy;
+use crate::{Error, Result};
 
 /// Push constants of the traversal passes (`glsl/shared/traversal.glsl`).
 #[repr(C)]
@@ -116,42 +116,55 @@ pub fn sin2_of_share(share: f64) -> f32 {
 }
 
 /// The hierarchy on the device: 40 bytes a node for the traversal (sphere, normal cone, area vector and skip), as many
-/// as the paper's node has, and 16 for the colour.
+/// as the paper's node has, and 16 for the radiance (radiance vector and chromaticity; the mean colour for the paper's
+/// ways that keep one node a micro-pixel, which would not be the paper's with another).
 pub struct GpuHierarchy {
     spheres: Buffer,
     cones: Buffer,
     areas: Buffer,
-    colors: Buffer,
+    radiances: Buffer,
     /// Number of nodes.
     pub nodes: u32,
     /// Longest path from the root to a leaf, in nodes.
     pub depth: u32,
-    /// Largest channel of any node's colour.
+    /// Largest channel of any point's radiance, which bounds that of nodes from all sides.
     pub brightest: f32,
 }
 
 impl GpuHierarchy {
-    /// Uploads a hierarchy.
+    /// Uploads a hierarchy for renderings in the given ways of the paper.
     ///
     /// # Errors
-    /// [`crate::Error::Limit`] when an array is larger than the device's buffers.
-    pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy) -> Result<Self> {
+    /// [`Error::Limit`] for 2^29 nodes or more, or when an array is larger than the device's buffers.
+    pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy, paper: Paper) -> Result<Self> {
+        let nodes = hierarchy.len();
+        if nodes > MOST_NODES {
+            return Err(Error::Limit(format!("the hierarchy has {nodes} nodes; devices get at most {MOST_NODES}")));
+        }
         let four = vk::Format::R32G32B32A32_SFLOAT;
         let areas: Vec<[f32; 4]> = hierarchy
             .area_vectors
             .iter()
             .zip(&hierarchy.skips)
-            .map(|([x, y, z], skip)| [*x, *y, *z, f32::from_bits(*skip)])
+            .map(|([x, y, z], skip)| [*x, *y, *z, float_with(*skip)])
             .collect();
-        let colors: Vec<[f32; 4]> = hierarchy.colors.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]).collect();
+        let radiances: Vec<[f32; 4]> = hierarchy
+            .radiance_vectors
+            .iter()
+            .zip(&hierarchy.colors)
+            .map(|([x, y, z], color)| match *color {
+                [r, g, b] if paper.one_node() => [r, g, b, 0.0],
+                color => [*x, *y, *z, float_with(packed_chromaticity(color))],
+            })
+            .collect();
         Ok(Self {
             spheres: Buffer::texels_from_slice(context, "node spheres", &hierarchy.spheres, four)?,
             cones: Buffer::texels_from_slice(context, "node cones", &hierarchy.cones, vk::Format::R32G32_UINT)?,
             areas: Buffer::texels_from_slice(context, "node areas", &areas, four)?,
-            colors: Buffer::texels_from_slice(context, "node colours", &colors, four)?,
-            nodes: hierarchy.skips.len() as u32,
+            radiances: Buffer::texels_from_slice(context, "node radiances", &radiances, four)?,
+            nodes: nodes as u32,
             depth: hierarchy.depth,
-            brightest: hierarchy.brightest(),
+            brightest: hierarchy.brightest_point,
         })
     }
 
@@ -161,8 +174,31 @@ impl GpuHierarchy {
             .buffer("node_spheres", &self.spheres)
             .buffer("node_cones", &self.cones)
             .buffer("node_areas", &self.areas)
-            .buffer("node_colors", &self.colors)
+            .buffer("node_radiances", &self.radiances)
     }
+}
+
+/// Skips, of which the largest is the number of nodes, fit [`float_with`].
+const MOST_NODES: usize = (1 << 29) - 1;
+
+/// A float that carries 29 bits through a texel of floats. As they are they might be a denormal number, which devices
+/// may flush to zero, or NaN, whose bits they need not keep; with bit 30 set and bit 29 clear they are neither.
+fn float_with(bits: u32) -> f32 {
+    f32::from_bits(1 << 30 | bits)
+}
+
+/// A colour's channels divided by the largest: which that is in bits 26 and 27, and the other two, in their order, in
+/// 13 bits each from the lowest on, as fractions of 8191.
+fn packed_chromaticity(color: [f32; 3]) -> u32 {
+    let [r, g, b] = color;
+    let (largest, index, others) = match () {
+        () if r >= g && r >= b => (r, 0, [g, b]),
+        () if g >= b => (g, 1, [r, b]),
+        () => (b, 2, [r, g]),
+    };
+    // Black has no chromaticity, and a radiance vector of zero.
+    let [first, second] = others.map(|c| if largest > 0.0 { (c / largest * 8191.0 + 0.5) as u32 } else { 0 });
+    index << 26 | second << 13 | first
 }
 
 /// A receiver: level in the top four bits, index at that level below (`glsl/common/receivers.glsl`).
@@ -207,5 +243,63 @@ impl Receiver {
     /// Slots of all five levels above and including `pixels` pixel slots (a multiple of 256).
     pub fn slots(pixels: u32) -> u32 {
         pixels / 256 * 341
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// As `chromaticity` in `glsl/common/hierarchy.glsl`.
+    fn unpacked(bits: u32) -> [f32; 3] {
+        let [a, b] = [bits & 8191, bits >> 13 & 8191].map(|fraction| fraction as f32 / 8191.0);
+        match bits >> 26 & 3 {
+            0 => [1.0, a, b],
+            1 => [a, 1.0, b],
+            _ => [a, b, 1.0],
+        }
+    }
+
+    #[test]
+    fn whatever_a_float_carries_it_is_a_normal_number() {
+        for bits in [0, 1, 0x7f_ffff, 0x80_0000, 0x1f80_0000, MOST_NODES as u32] {
+            let float = float_with(bits);
+            assert!(float.is_normal());
+            assert_eq!(float.to_bits() & 0x1fff_ffff, bits);
+        }
+    }
+
+    #[test]
+    fn pure_colors_and_grays_are_exact() {
+        for color in [[2.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 1e-30], [0.25; 3], [1e15, 1e15, 0.0]] {
+            let largest = color.into_iter().fold(0.0, f32::max);
+            assert_eq!(unpacked(packed_chromaticity(color)), color.map(|c| c / largest));
+        }
+        assert_eq!(packed_chromaticity([0.0; 3]), 0);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            rng_seed: proptest::test_runner::RngSeed::Fixed(709),
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        })]
+
+        #[test]
+        fn chromaticity_is_kept_to_a_thousandth(color in prop::array::uniform3(prop_oneof![0.0..1.0f32, 0.0..1e-3f32])) {
+            let weights = [0.2126, 0.7152, 0.0722];
+            let luminance = |c: [f32; 3]| c.into_iter().zip(weights).map(|(c, weight)| c * weight).sum::<f32>();
+            let largest = color.into_iter().fold(0.0, f32::max);
+            prop_assume!(largest > 0.0);
+            let bits = packed_chromaticity(color);
+            prop_assert!(bits < 1 << 29);
+            // As the shader scales it to the luminance.
+            let back = unpacked(bits);
+            let decoded = back.map(|c| c * luminance(color) / luminance(back));
+            for (value, expected) in decoded.into_iter().zip(color) {
+                prop_assert!((value - expected).abs() <= 1e-3 * largest, "{decoded:?} instead of {color:?}");
+            }
+        }
     }
 }

@@ -128,7 +128,18 @@ fn check_nesting(hierarchy: &Hierarchy) {
         let (l, r) = (dvec(hierarchy.colors[left]), dvec(hierarchy.colors[right]));
         let off = dvec(hierarchy.colors[node]) - l.lerp(r, share);
         assert!(off.length() <= 1e-6 * l.length().max(r.length()), "color of node {node}");
+        // Radiance vectors add up, to nothing where the mean colour is black.
+        let vectors = &hierarchy.radiance_vectors;
+        let off = dvec(vectors[node]) - (dvec(vectors[left]) + dvec(vectors[right]));
+        let most = (a + b) * f64::from(hierarchy.brightest_point);
+        assert!(off.length() <= 1e-6 * most, "radiance vector of node {node}");
+        assert!(hierarchy.colors[node] != [0.0; 3] || dvec(vectors[node]) == DVec3::ZERO, "node {node} is black");
     }
+}
+
+/// Rec. 709.
+fn luminance(color: Vec3) -> f64 {
+    color.as_dvec3().dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
 fn dvec(value: [f32; 3]) -> DVec3 {
@@ -147,6 +158,12 @@ fn check_root(cloud: &Cloud, hierarchy: &Hierarchy) {
 
     let vector: DVec3 = cloud.normals.iter().zip(&areas).map(|(n, a)| n.as_dvec3() * *a).sum();
     assert!(Vec3::from(hierarchy.area_vectors[0]).as_dvec3().distance(vector) <= 1e-5 * area);
+
+    let brightest = cloud.colors.iter().map(|color| color.max_element()).fold(0.0, f32::max);
+    assert_eq!(hierarchy.brightest_point, brightest);
+    let facing = cloud.normals.iter().zip(&areas).map(|(n, a)| n.as_dvec3() * *a);
+    let sum: DVec3 = facing.zip(&cloud.colors).map(|(facing, color)| facing * luminance(*color)).sum();
+    assert!(dvec(hierarchy.radiance_vectors[0]).distance(sum) <= 1e-5 * area * f64::from(brightest));
 
     if area > 0.0 {
         let color = cloud.colors.iter().zip(&areas).map(|(c, a)| c.as_dvec3() * *a).sum::<DVec3>() / area;
@@ -242,10 +259,11 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
                 bytemuck::cast_slice(&hierarchy.skips),
                 bytemuck::cast_slice(&hierarchy.area_vectors),
                 bytemuck::cast_slice(&hierarchy.colors),
+                bytemuck::cast_slice(&hierarchy.radiance_vectors),
                 bytemuck::cast_slice::<f32, u8>(&hierarchy.areas),
             ]
             .concat();
-            (bytes, hierarchy.depth)
+            (bytes, hierarchy.depth, hierarchy.brightest_point)
         };
         let one = with(1);
         assert!(one == with(2) && one == with(7));
@@ -295,6 +313,54 @@ fn a_million_points_in_one_place_take_no_longer_than_others() {
     assert_eq!((hierarchy.len(), report.points), (1, 1_000_000));
     assert!((Vec3::from(hierarchy.colors[0]) - 0.25).length() < 1e-6, "equal weights where there is no area");
     assert!(angle(hierarchy.cones[0].decode().0, Vec3::Z) < 1e-3);
+}
+
+#[test]
+fn a_point_sends_its_luminance_along_its_normal() {
+    let color = Vec3::new(4.0, 1.0, 0.5);
+    let cloud = Cloud {
+        positions: vec![Vec3::ONE],
+        colors: vec![color],
+        normals: vec![Vec3::new(0.6, 0.0, -0.8)],
+        spacing: vec![0.5],
+        ..Cloud::default()
+    };
+    let hierarchy = built(&cloud, &BuildOptions::default()).0;
+    let expected = DVec3::new(0.6, 0.0, -0.8) * luminance(color) * 0.25;
+    assert!(dvec(hierarchy.radiance_vectors[0]).distance(expected) < 1e-7);
+    assert_eq!(hierarchy.brightest_point, 4.0);
+}
+
+#[test]
+fn where_all_is_alike_every_side_has_the_mean_luminance() {
+    let mut cloud = floor();
+    cloud.colors.fill(Vec3::new(0.5, 0.4, 0.3));
+    let hierarchy = built(&cloud, &BuildOptions::unpruned()).0;
+    let mean = luminance(Vec3::new(0.5, 0.4, 0.3));
+    for node in 0..hierarchy.len() {
+        let expected = dvec(hierarchy.area_vectors[node]) * mean;
+        let off = dvec(hierarchy.radiance_vectors[node]).distance(expected);
+        assert!(off <= 1e-6 * f64::from(hierarchy.areas[node]), "node {node}: {off}");
+    }
+}
+
+#[test]
+fn a_lamp_keeps_its_light_beside_its_dark_casing() {
+    let lamp = pair(1.0, [10.0, 0.0], [Vec3::NEG_Y, Vec3::X]);
+    let hierarchy = built(&lamp, &BuildOptions::default()).0;
+    let seen = |to_node: DVec3| {
+        dvec(hierarchy.radiance_vectors[0]).dot(to_node) / dvec(hierarchy.area_vectors[0]).dot(to_node)
+    };
+    assert!((seen(DVec3::Y) - 10.0).abs() < 1e-5, "from below, the lamp alone");
+    assert!(seen(DVec3::NEG_X).abs() < 1e-5, "from the side, the casing alone");
+    assert_eq!(hierarchy.colors[0], [5.0; 3]);
+}
+
+#[test]
+fn sums_that_no_float_holds_are_refused() {
+    let cloud = Cloud { spacing: vec![1e14; 2], ..pair(1.0, [1e14; 2], [Vec3::Y; 2]) };
+    let error = build(&cloud, &BuildOptions::default()).expect_err("1e42 is no f32");
+    assert!(matches!(error, Error::Argument(_)) && error.to_string().contains("not finite"), "{error}");
 }
 
 #[test]

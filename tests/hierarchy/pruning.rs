@@ -65,6 +65,7 @@ fn a_pruned_hierarchy_is_the_unpruned_one_cut_where_points_are_alike() {
             assert_eq!(pruned.cones[node], all.cones[whole], "node {node}");
             assert_eq!(pruned.area_vectors[node], all.area_vectors[whole], "node {node}");
             assert_eq!(pruned.colors[node], all.colors[whole], "node {node}");
+            assert_eq!(pruned.radiance_vectors[node], all.radiance_vectors[whole], "node {node}");
             assert_eq!(pruned.areas[node], all.areas[whole], "node {node}");
 
             let like = likeness(&all, whole, options.color_rule);

@@ -22,6 +22,7 @@ pub(super) struct Places<'a> {
     sizes: &'a mut [u32],
     area_vectors: &'a mut [[f32; 3]],
     colors: &'a mut [[f32; 3]],
+    radiance_vectors: &'a mut [[f32; 3]],
     areas: &'a mut [f32],
 }
 
@@ -33,8 +34,10 @@ pub(super) fn allocate(nodes: usize) -> Hierarchy {
         skips: vec![0; nodes],
         area_vectors: vec![[0.0; 3]; nodes],
         colors: vec![[0.0; 3]; nodes],
+        radiance_vectors: vec![[0.0; 3]; nodes],
         areas: vec![0.0; nodes],
         depth: 0,
+        brightest_point: 0.0,
     }
 }
 
@@ -47,6 +50,7 @@ impl<'a> Places<'a> {
             sizes: &mut hierarchy.skips,
             area_vectors: &mut hierarchy.area_vectors,
             colors: &mut hierarchy.colors,
+            radiance_vectors: &mut hierarchy.radiance_vectors,
             areas: &mut hierarchy.areas,
         }
     }
@@ -58,6 +62,7 @@ impl<'a> Places<'a> {
         let (sizes, other_sizes) = self.sizes.split_at_mut(count);
         let (area_vectors, other_area_vectors) = self.area_vectors.split_at_mut(count);
         let (colors, other_colors) = self.colors.split_at_mut(count);
+        let (radiance_vectors, other_radiance_vectors) = self.radiance_vectors.split_at_mut(count);
         let (areas, other_areas) = self.areas.split_at_mut(count);
         let others = Self {
             spheres: other_spheres,
@@ -65,9 +70,10 @@ impl<'a> Places<'a> {
             sizes: other_sizes,
             area_vectors: other_area_vectors,
             colors: other_colors,
+            radiance_vectors: other_radiance_vectors,
             areas: other_areas,
         };
-        (Self { spheres, cones, sizes, area_vectors, colors, areas }, others)
+        (Self { spheres, cones, sizes, area_vectors, colors, radiance_vectors, areas }, others)
     }
 
     /// Writes one node.
@@ -77,6 +83,7 @@ impl<'a> Places<'a> {
         self.sizes[place] = node.size;
         self.area_vectors[place] = node.area_vector.to_array();
         self.colors[place] = node.color.to_array();
+        self.radiance_vectors[place] = node.radiance_vector.to_array();
         self.areas[place] = node.area;
     }
 }
@@ -93,6 +100,7 @@ pub(super) fn close_gaps(hierarchy: &mut Hierarchy, filled: &[Run]) {
             hierarchy.skips.copy_within(range.clone(), nodes);
             hierarchy.area_vectors.copy_within(range.clone(), nodes);
             hierarchy.colors.copy_within(range.clone(), nodes);
+            hierarchy.radiance_vectors.copy_within(range.clone(), nodes);
             hierarchy.areas.copy_within(range, nodes);
         }
         nodes += run.nodes;
@@ -102,6 +110,7 @@ pub(super) fn close_gaps(hierarchy: &mut Hierarchy, filled: &[Run]) {
     shorten(&mut hierarchy.skips, nodes);
     shorten(&mut hierarchy.area_vectors, nodes);
     shorten(&mut hierarchy.colors, nodes);
+    shorten(&mut hierarchy.radiance_vectors, nodes);
     shorten(&mut hierarchy.areas, nodes);
 
     hierarchy.skips.par_iter_mut().enumerate().with_min_len(1 << 14).for_each(|(node, skip)| *skip += node as u32);

@@ -88,7 +88,8 @@ const LARGEST: f32 = 1e15;
 /// # Errors
 ///
 /// [`Error::Argument`] for a cloud without points, with arrays of different lengths, or with a value that is not finite,
-/// beyond 1e15, or negative where that makes no sense; for options that are NaN. [`Error::Limit`] for more than 2^31
+/// beyond 1e15, or negative where that makes no sense; for areas and radiances whose sums overflow; for options that are
+/// NaN. [`Error::Limit`] for more than 2^31
 /// points.
 pub fn build(cloud: &Cloud, options: &BuildOptions) -> Result<(Hierarchy, BuildReport)> {
     let points = cloud.len();
@@ -125,7 +126,13 @@ pub fn build(cloud: &Cloud, options: &BuildOptions) -> Result<(Hierarchy, BuildR
     let places = linearise::Places::all(&mut hierarchy);
     let (root, filled) = clock.time("propagate and prune", || input.build(0, 0..leaves, places, 0));
     drop((order, starts, splits));
+    if !(root.area.is_finite() && root.area_vector.is_finite() && root.radiance_vector.is_finite()) {
+        return Err(Error::Argument(
+            "the cloud's areas and radiances are too large together: their sums are not finite; scale it down".into(),
+        ));
+    }
     hierarchy.depth = root.depth;
+    hierarchy.brightest_point = brightest_point(cloud);
 
     // One run of nodes.
     clock.time("linearise", || linearise::close_gaps(&mut hierarchy, &filled));
@@ -208,6 +215,11 @@ fn check_values(cloud: &Cloud) -> Result<(Vec3, Vec3)> {
         .reduce(|| empty, |a, b| (a.0.min(b.0), a.1.max(b.1))))
 }
 
+/// The largest channel of any point's radiance.
+fn brightest_point(cloud: &Cloud) -> f32 {
+    cloud.colors.par_iter().map(|color| color.max_element()).reduce(|| 0.0, f32::max)
+}
+
 /// Every point's Morton code, in the order of the cloud.
 fn codes(cloud: &Cloud, lattice: morton::Lattice) -> Vec<sort::Keyed> {
     cloud
@@ -248,7 +260,7 @@ fn peak_bytes(points: usize, leaves: usize) -> usize {
     let keyed = points * size_of::<sort::Keyed>();
     // Keys by cell, order, starts; splits; nodes.
     let cells = points * (8 + 4 + 4);
-    let walk = points * (4 + 4) + leaves * 4 + (2 * leaves - 1) * 56;
+    let walk = points * (4 + 4) + leaves * 4 + (2 * leaves - 1) * 68;
     (2 * keyed).max(keyed + cells).max(walk)
 }
 

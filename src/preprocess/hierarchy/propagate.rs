@@ -7,6 +7,7 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 
 use super::linearise::{Places, Run};
+use super::prune::LUMINANCE;
 use super::{BuildOptions, PackedCone, cone, prune, sphere};
 use crate::scene::Cloud;
 
@@ -24,6 +25,8 @@ pub(super) struct Summary {
     pub(super) color: Vec3,
     /// Mean by area of the squared distance from `color`.
     pub(super) color_variance: f32,
+    /// Sum of luminance times area times normal.
+    pub(super) radiance_vector: Vec3,
     /// Square metres.
     pub(super) area: f32,
     /// Points below.
@@ -171,6 +174,7 @@ fn disc(point: &Point) -> Summary {
         area_vector: normal * area,
         color: point.color,
         color_variance: 0.0,
+        radiance_vector: normal * (point.color.dot(LUMINANCE) * area),
         area,
         points: 1,
         size: 1,
@@ -187,12 +191,15 @@ fn cell(points: &[Point]) -> Summary {
     let weight = |point: &Point| if area > 0.0 { area_of(point) / area } else { 1.0 / count };
     let mut normals: Vec<Vec3> = points.iter().map(|point| point.normal.normalize_or_zero()).collect();
 
-    // Averages; the area vector and the area are sums.
-    let (mut center, mut color, mut area_vector) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    // Averages; the vectors and the area are sums.
+    let (mut center, mut color) = (DVec3::ZERO, DVec3::ZERO);
+    let (mut area_vector, mut radiance_vector) = (DVec3::ZERO, DVec3::ZERO);
     for (point, normal) in points.iter().zip(&normals) {
         center += point.position.as_dvec3() / count;
         color += point.color.as_dvec3() * weight(point);
-        area_vector += normal.as_dvec3() * area_of(point);
+        let area = normal.as_dvec3() * area_of(point);
+        area_vector += area;
+        radiance_vector += area * point.color.as_dvec3().dot(LUMINANCE.as_dvec3());
     }
     let center = center.as_vec3();
 
@@ -209,6 +216,7 @@ fn cell(points: &[Point]) -> Summary {
         area_vector: area_vector.as_vec3(),
         color: color.as_vec3(),
         color_variance: color_variance as f32,
+        radiance_vector: of_color(color.as_vec3(), radiance_vector.as_vec3()),
         area: area as f32,
         points: points.len() as u32,
         size: 1,
@@ -222,18 +230,26 @@ fn merge(left: &Summary, right: &Summary) -> Summary {
     // The right child's share of the area; half where neither has any.
     let share = if area > 0.0 { right.area / area } else { 0.5 };
     let across = right.color - left.color;
+    let color = left.color + across * share;
     Summary {
         sphere: sphere::around(left.sphere, right.sphere),
         cone: cone::around(left.cone, right.cone),
         area_vector: left.area_vector + right.area_vector,
-        color: left.color + across * share,
+        color,
         // Parallel axis theorem: the variance within the children and the one between them.
         color_variance: (1.0 - share) * left.color_variance
             + share * right.color_variance
             + share * (1.0 - share) * across.length_squared(),
+        radiance_vector: of_color(color, left.radiance_vector + right.radiance_vector),
         area,
         points: left.points + right.points,
         size: 1 + left.size + right.size,
         depth: 1 + left.depth.max(right.depth),
     }
+}
+
+/// The sum of radiance vectors below a node of a mean colour: none where that is black, if only by rounding, since
+/// there is no chromaticity then to give it.
+fn of_color(color: Vec3, sum: Vec3) -> Vec3 {
+    if color == Vec3::ZERO { Vec3::ZERO } else { sum }
 }

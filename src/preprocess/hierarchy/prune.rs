@@ -17,7 +17,7 @@ pub enum ColorRule {
 }
 
 /// Rec. 709 weights of luminance.
-const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+pub(super) const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Below a hundredth of white the steps of 8-bit colours would decide.
 const LEAST_LUMINANCE: f32 = 0.01;
