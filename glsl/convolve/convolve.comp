@@ -33,9 +33,10 @@ layout(binding = 19) uniform sampler2D emissive_roughness_map;
 layout(binding = 20) uniform sampler2D far_field;
 
 // A front layer that covers this share of a micro-pixel hides what lies behind; a smaller one lets the rest show.
-const float OPAQUE = 0.85;
+const float OPAQUE = 0.75;
 // Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
-// Always dividing would move a lamp's energy when it straddles micro-pixels.
+// Always dividing would move a lamp's energy when it straddles micro-pixels. What the plain sums lack or have too much
+// in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
 const float PLAIN_LOW = 0.6;
 const float PLAIN_HIGH = 1.4;
 
@@ -55,8 +56,10 @@ vec3 far_radiance(vec3 direction, float solid_angle) {
     return textureLod(far_field, uv, max(0.0, 0.5 * log2(solid_angle / (texel * texel)))).rgb;
 }
 
-// Covered radiance of a micro-pixel; negative where no node covers it. `whole` is its area inside the disc.
-vec3 micro_radiance(uint at, uint micro, float whole) {
+// Covered radiance of a micro-pixel; negative where no node covers it. `whole` is its area inside the disc, `counted`
+// the share of it that the radiance stands for.
+vec3 micro_radiance(uint at, uint micro, float whole, out float counted) {
+    counted = 1.0;
     if (IMAGE_STORE) {
         uint buffer_index = at / MICRO_PIXELS;
         ivec2 corner = ivec2(uvec2(buffer_index % gather.store_columns, buffer_index / gather.store_columns) * SIZE);
@@ -77,6 +80,7 @@ vec3 micro_radiance(uint at, uint micro, float whole) {
     float opaque = coverage.y > 0.0 ? min(1.0, coverage.x / (OPAQUE * whole)) : 1.0;
     float share = coverage.x / whole;
     float kept = opaque == 1.0 && share > PLAIN_LOW && share < PLAIN_HIGH ? share : opaque;
+    counted = kept + (1.0 - opaque);
     return front_mean * kept + back_mean * (1.0 - opaque);
 }
 
@@ -133,16 +137,25 @@ void main() {
     uint start = at * MICRO_PIXELS;
     const float cell_area = 4.0 / float(MICRO_PIXELS); // of the disc, whose area is pi
     vec3 radiance = vec3(0.0);
+    vec3 all = vec3(0.0); // reflectance over the hemisphere
+    vec3 seen = vec3(0.0); // ... and over the shares that the radiance stands for
     for (uint m = 0u; m < micro_directions.length(); ++m) {
         uint micro = micro_indices[m];
         vec4 middle = micro_directions[m];
         vec3 light = site.tangent * middle.x + site.bitangent * middle.y + site.normal * middle.z;
-        vec3 incoming = micro_radiance(start, micro, middle.w);
+        float counted;
+        vec3 incoming = micro_radiance(start, micro, middle.w, counted);
         if (incoming.x < 0.0) incoming = far_radiance(light, middle.w * cell_area / max(middle.z, 0.02));
-        // Projected solid angle: exact, or Eq. 5's 2 pi / size^2 times the cosine.
-        float weight = PAPER_WEIGHTS ? 2.0 * PI / float(MICRO_PIXELS) * middle.z : middle.w * cell_area;
-        radiance += incoming * mean_reflectance(surface, site, micro, light, view) * weight;
+        // Projected solid angle: exact, or Eq. 5's 2 pi / size^2 times the cosine, where the centre is on the disc.
+        vec2 centre = (vec2(micro % SIZE, micro / SIZE) + 0.5) * (2.0 / float(SIZE)) - 1.0;
+        float paper_weight = 2.0 * PI / float(MICRO_PIXELS) * sqrt(max(0.0, 1.0 - dot(centre, centre)));
+        float weight = PAPER_WEIGHTS ? paper_weight : middle.w * cell_area;
+        vec3 reflected = mean_reflectance(surface, site, micro, light, view) * weight;
+        radiance += incoming * reflected;
+        all += reflected;
+        seen += counted * reflected;
     }
+    radiance *= mix(vec3(1.0), all / max(seen, vec3(1e-20)), greaterThan(seen, vec3(0.0)));
     if (MATERIAL == 0u) radiance += surface.emissive;
     output_image[uint(texel.y) * gather.width + uint(texel.x)] = vec4(radiance, 1.0);
 }

@@ -31,6 +31,15 @@ pub struct Member {
     pub size: u32,
 }
 
+/// One storage buffer's block, as far as its members have a size: an unbounded array at its end has size 0.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// Name of the block type.
+    pub name: String,
+    /// Members in order.
+    pub members: Vec<Member>,
+}
+
 /// One transform feedback output.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FeedbackOutput {
@@ -55,6 +64,8 @@ pub struct Reflection {
     pub stage: vk::ShaderStageFlags,
     /// Descriptors of set 0, by binding number.
     pub bindings: Vec<Binding>,
+    /// Storage buffers.
+    pub blocks: Vec<Block>,
     /// Members of the push constant block; empty without one.
     pub push_constants: Vec<Member>,
     /// Invocations of a workgroup along x (compute).
@@ -167,6 +178,7 @@ impl<'a> Reader<'a> {
             other => return Err(Error::Argument(format!("a shader's stage is not supported: {other:?}"))),
         };
         let mut bindings = Vec::new();
+        let mut blocks = Vec::new();
         let mut push_constants = Vec::new();
         let mut feedback = Vec::new();
         for variable in self.module.types_global_values.iter().filter(|i| i.class.opcode == Op::Variable) {
@@ -180,13 +192,16 @@ impl<'a> Reader<'a> {
                 StorageClass::PushConstant => push_constants = self.members(pointee),
                 StorageClass::StorageBuffer | StorageClass::Uniform | StorageClass::UniformConstant => {
                     bindings.extend(self.binding(id, pointee, *class));
+                    if let (StorageClass::StorageBuffer, Some(name)) = (class, self.names.get(&pointee)) {
+                        blocks.push(Block { name: (*name).to_owned(), members: self.members(pointee) });
+                    }
                 }
                 StorageClass::Output => feedback.extend(self.feedback_output(id, pointee)),
                 _ => {}
             }
         }
         bindings.sort_by_key(|b: &Binding| b.binding);
-        Ok(Reflection { stage, bindings, push_constants, workgroup: self.workgroup(), feedback })
+        Ok(Reflection { stage, bindings, blocks, push_constants, workgroup: self.workgroup(), feedback })
     }
 
     fn binding(&self, id: Word, pointee: Word, class: StorageClass) -> Option<Binding> {
