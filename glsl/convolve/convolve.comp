@@ -37,8 +37,8 @@ const float OPAQUE = 0.75;
 // Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
 // Always dividing would move a lamp's energy when it straddles micro-pixels. What the plain sums lack or have too much
 // in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
-const float PLAIN_LOW = 0.6;
-const float PLAIN_HIGH = 1.4;
+const float PLAIN_LOW = 0.5;
+const float PLAIN_HIGH = 1.6;
 
 struct Surface {
     vec3 base_color;
