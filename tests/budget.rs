@@ -117,9 +117,10 @@ fn difference(a: &Frame, b: &Frame) -> (usize, f32) {
     (list.iter().filter(|d| **d > 0.0).count(), list.into_iter().fold(0.0, f32::max))
 }
 
-/// Largest difference between an image in one region and in many, as a part of the brightest pixel:
-/// measured 1.1e-5.
-const SEAM: f32 = 1e-4;
+/// Largest difference between an image in one region and in many, as a part of the brightest pixel: positions are
+/// interpolated from another corner, which moves them by an ulp, and now and then a node from the front layer of a
+/// micro-pixel to the back one. Measured 5.8e-4.
+const SEAM: f32 = 2e-3;
 
 #[test]
 fn image_regions_meet_without_a_seam() {
