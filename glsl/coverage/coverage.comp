@@ -6,7 +6,6 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
-#extension GL_EXT_shader_atomic_int64 : require
 #include "shared/gather.glsl"
 #include "common/hierarchy.glsl"
 #include "common/receivers.glsl"

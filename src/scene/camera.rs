@@ -29,8 +29,7 @@ impl Camera {
         (right, right.cross(forward), forward)
     }
 
-    /// World to clip space for Vulkan (y down, depth 0 at `near` and 1 at infinity would waste precision on
-    /// reversed depth that nothing here needs: plain 0..1 between `near` and `far`).
+    /// World to Vulkan's clip space: y down, depth 0 at `near` and 1 at `far`, both in metres.
     pub fn clip_from_world(&self, aspect: f32, near: f32, far: f32) -> Mat4 {
         let (right, up, forward) = self.basis();
         let view = Mat4::from_cols(
