@@ -13,6 +13,9 @@ const uint SPLIT = 3u;   // the pixels below do not agree
 // error must not discard a parent of a node that the exact test would keep.
 const float SLACK = 1e-3;
 
+// Receivers up to this level are not divided only because some pixels below see a node edge-on or at their horizon.
+const uint UNDIVIDED = 2u;
+
 // The paper's own refinement rule and tests (`--paper cut`).
 layout(constant_id = 0) const bool PAPER_CUT = false;
 // The paper's coverage also shows nodes whose centre lies below the horizon (`--paper coverage`).
@@ -64,7 +67,8 @@ uint decide_pixel(uint node, Area area, bool leaf, vec3 position, vec3 normal, f
 }
 
 // The same decision for every pixel of a receiver with a sphere of positions and a cone of normals.
-uint decide_coarse(uint node, bool leaf, vec4 receiver_ball, vec4 receiver_normals, float stop_sin2) {
+uint decide_coarse(uint node, Area area, bool leaf, uint level, vec4 receiver_ball, vec4 receiver_normals,
+                   float stop_sin2) {
     vec4 sphere = node_sphere(node);
     vec3 to_node = sphere.xyz - receiver_ball.xyz;
     float distance2 = dot(to_node, to_node);
@@ -72,24 +76,37 @@ uint decide_coarse(uint node, bool leaf, vec4 receiver_ball, vec4 receiver_norma
     float extent = receiver_ball.w + sphere.w;
     float margin = SLACK * (centre_distance + extent);
 
-    // The most of n . v over the receiver's normals n: d cos(phi - gamma), or d inside the cone (Sabbadin 2019, Eq. 8).
+    // The most and least of n . v over the receiver's normals n: d cos(phi - gamma) and d cos(phi + gamma), or d and -d
+    // inside the cone and opposite to it (Sabbadin 2019, Eq. 8).
     float along = dot(receiver_normals.xyz, to_node);
     float gamma_sine = sqrt(max(0.0, 1.0 - receiver_normals.w * receiver_normals.w));
-    float top = along >= centre_distance * receiver_normals.w
-                    ? centre_distance
-                    : along * receiver_normals.w + sqrt(max(0.0, distance2 - along * along)) * gamma_sine;
+    float reach = along * receiver_normals.w;
+    float swing = sqrt(max(0.0, distance2 - along * along)) * gamma_sine;
+    float edge = centre_distance * receiver_normals.w;
+    float top = along >= edge ? centre_distance : reach + swing;
+    float bottom = along <= -edge ? -centre_distance : reach - swing;
     if (top + extent + margin < 0.0) return DISCARD;
 
     Cone cone = node_cone(node);
-    float facing = dot(to_node, cone.axis);
+    float along_cone = dot(to_node, cone.axis);
     float sine = sqrt(max(0.0, 1.0 - cone.cosine * cone.cosine));
-    float least = facing * cone.cosine - sqrt(max(0.0, distance2 - facing * facing)) * sine;
+    float least = along_cone * cone.cosine - sqrt(max(0.0, distance2 - along_cone * along_cone)) * sine;
     if (cone.cosine > 0.0 && least > extent + margin) return DISCARD;
 
     float nearest = max(0.0, centre_distance - receiver_ball.w);
     float farthest = centre_distance + receiver_ball.w;
     float radius2 = sphere.w * sphere.w;
-    if (leaf || radius2 <= stop_sin2 * nearest * nearest * (1.0 - 1e-4)) return STOP;
+    if (leaf || radius2 <= stop_sin2 * nearest * nearest * (1.0 - 1e-4)) {
+        if (PAPER_COVERAGE) return STOP;
+        // As for single pixels: what covers nothing is not rasterised. Where pixels differ, those below the next level
+        // are asked, unless so few are left that offering it to all of them costs less.
+        float reached = receiver_ball.w + margin;
+        float facing = dot(area.vector, to_node);
+        float spread = length(area.vector) * reached;
+        if (top + reached < 0.0 || facing - spread > 0.0) return DISCARD;
+        bool covers_all = bottom - reached > 0.0 && facing + spread < 0.0;
+        return covers_all || level <= UNDIVIDED ? STOP : SPLIT;
+    }
     if (radius2 > stop_sin2 * farthest * farthest * (1.0 + 1e-4)) return DESCEND;
     return SPLIT;
 }
@@ -126,5 +143,5 @@ uint decide(uint node, Area area, uint level, vec4 receiver_ball, vec4 receiver_
     bool leaf = area.skip == node + 1u;
     if (PAPER_CUT) return decide_paper(node, leaf, level, receiver_ball.xyz, receiver_normals, stop_sin2);
     if (level == 0u) return decide_pixel(node, area, leaf, receiver_ball.xyz, receiver_normals.xyz, stop_sin2);
-    return decide_coarse(node, leaf, receiver_ball, receiver_normals, stop_sin2);
+    return decide_coarse(node, area, leaf, level, receiver_ball, receiver_normals, stop_sin2);
 }

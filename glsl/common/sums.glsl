@@ -1,3 +1,3 @@
 // Fixed-point sums of a micro-pixel, two layers (front and back) of four 32-bit numbers: red, green, blue in units of
-// 1 / color_scale, coverage in units of 2^-20 micro-pixels. Added as 64-bit words of two numbers each.
+// 1 / color_scale, coverage in units of 2^-20 micro-pixels. Integers, so that the order of nodes does not matter.
 const float COVERAGE_ONE = 1048576.0;

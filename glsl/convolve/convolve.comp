@@ -19,12 +19,12 @@ layout(constant_id = 9) const uint SUBSAMPLES = 1u;       // BRDF evaluations al
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 10) readonly buffer Nearest { uint64_t nearest[]; };
-layout(binding = 11) uniform usamplerBuffer sums;
+layout(binding = 11) uniform usamplerBuffer layers;
 layout(binding = 12, rgba16f) uniform readonly image2D store;
 // Direction of the middle of a micro-pixel's part inside the disc, and that part's area (1 where it is whole). Only
 // the micro-pixels that the disc touches, with their index.
-layout(std430, binding = 13) readonly buffer MicroDirections { vec4 micro_directions[]; };
-layout(std430, binding = 14) readonly buffer MicroIndices { uint micro_indices[]; };
+layout(binding = 13) uniform samplerBuffer micro_directions;
+layout(binding = 14) uniform usamplerBuffer micro_indices;
 layout(std430, binding = 15) writeonly buffer OutputImage { vec4 output_image[]; };
 layout(std430, binding = 16) buffer ConvolveCounts { uint overflowed; };
 layout(binding = 17) uniform sampler2D normal_map;
@@ -70,8 +70,8 @@ vec3 micro_radiance(uint at, uint micro, float whole, out float counted) {
         uint64_t key = nearest[at + micro];
         return uint(key >> 32) < 0x7f7fffffu ? node_mean(uint(key)) : vec3(-1.0);
     }
-    uvec4 front = texelFetch(sums, int(2u * (at + micro)));
-    uvec4 back = texelFetch(sums, int(2u * (at + micro) + 1u));
+    uvec4 front = texelFetch(layers, int(2u * (at + micro)));
+    uvec4 back = texelFetch(layers, int(2u * (at + micro) + 1u));
     vec2 coverage = vec2(front.a, back.a) / COVERAGE_ONE;
     if (coverage.x + coverage.y == 0.0) return vec3(-1.0);
     if (max(coverage.x, coverage.y) > gather.coverage_limit) overflowed = 1u;
@@ -139,9 +139,9 @@ void main() {
     vec3 radiance = vec3(0.0);
     vec3 all = vec3(0.0); // reflectance over the hemisphere
     vec3 seen = vec3(0.0); // ... and over the shares that the radiance stands for
-    for (uint m = 0u; m < micro_directions.length(); ++m) {
-        uint micro = micro_indices[m];
-        vec4 middle = micro_directions[m];
+    for (int m = 0; m < textureSize(micro_directions); ++m) {
+        uint micro = texelFetch(micro_indices, m).x;
+        vec4 middle = texelFetch(micro_directions, m);
         vec3 light = site.tangent * middle.x + site.bitangent * middle.y + site.normal * middle.z;
         float counted;
         vec3 incoming = micro_radiance(start, micro, middle.w, counted);

@@ -1,8 +1,7 @@
 #version 460
 // Second half of rasterising the cut: every node adds its radiance to the micro-pixels under it, weighted by the share
 // that it covers: to the front layer where it is at most 25 % farther than the nearest, else to what shows where the
-// front layer leaves a micro-pixel open. Sums are fixed-point integers, so that
-// order does not matter; a micro-pixel belongs to one invocation, so that they need no atomics.
+// front layer leaves a micro-pixel open. A micro-pixel belongs to one invocation, so that its sums need no atomics.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
@@ -15,20 +14,18 @@
 
 layout(local_size_x = 32) in;
 
-// Two halves a micro-pixel, the nearest depth in the high one; where nothing hides anything it is the largest float.
-layout(binding = 10) uniform usamplerBuffer nearest_halves;
-layout(std430, binding = 11) buffer Sums { uint64_t sums[]; };
+layout(binding = 10) uniform samplerBuffer nearest_depths;
+// Texels bring and take the four numbers of a layer at once.
+layout(binding = 11, rgba32ui) uniform uimageBuffer layers;
 
 const float FRONT_LAYER = 1.25;
 
-void add(uint at, float share, vec3 color, float depth) {
-    float front = uintBitsToFloat(texelFetch(nearest_halves, int(at)).y);
-    uint layer = depth > FRONT_LAYER * front ? 1u : 0u;
+void add(int at, float share, vec3 color, float depth) {
+    float front = texelFetch(nearest_depths, at).x;
+    int layer = 2 * at + (depth > FRONT_LAYER * front ? 1 : 0);
+    // A single part is far below 2^31, and signed conversions are quicker.
     precise vec4 part = vec4(color, COVERAGE_ONE) * share;
-    uvec4 fixed_part = uvec4(part + 0.5);
-    uint word = 4u * at + 2u * layer;
-    sums[word] += (uint64_t(fixed_part.g) << 32) | uint64_t(fixed_part.r);
-    sums[word + 1u] += (uint64_t(fixed_part.a) << 32) | uint64_t(fixed_part.b);
+    imageStore(layers, layer, imageLoad(layers, layer) + uvec4(ivec4(part + 0.5)));
 }
 
 void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector);
@@ -42,14 +39,14 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) 
     float brightest = 4294967296.0 / ((gather.coverage_limit + 1.0) * gather.color_scale);
     precise vec3 radiance = node_radiance(node, centre - site.position, area_vector, brightest);
     precise vec3 color = radiance * gather.color_scale;
-    uvec2 first = uvec2(clamp(footprint.low, vec2(0.0), vec2(float(SIZE) - 1.0)));
-    uvec2 last = uvec2(clamp(footprint.high, vec2(0.0), vec2(float(SIZE) - 1.0)));
-    uvec2 count = last - first + 1u;
-    uint cells = count.x * count.y;
-    work += cells;
-    for (uint k = 0u; k < cells; ++k) {
-        uvec2 cell = first + uvec2(k % count.x, k / count.x);
+    ivec2 first = ivec2(clamp(footprint.low, vec2(0.0), vec2(float(SIZE) - 1.0)));
+    ivec2 last = ivec2(clamp(footprint.high, vec2(0.0), vec2(float(SIZE) - 1.0)));
+    work += uint((last.x - first.x + 1) * (last.y - first.y + 1));
+    // One loop over both sides, because the invocations of a SIMD group then share its turns.
+    for (ivec2 cell = first; cell.y <= last.y;) {
         vec2 inside = min(footprint.high, vec2(cell) + 1.0) - max(footprint.low, vec2(cell));
-        add(start + cell.y * SIZE + cell.x, inside.x * inside.y * footprint.density, color, footprint.depth);
+        int at = int(start) + cell.y * int(SIZE) + cell.x;
+        add(at, inside.x * inside.y * footprint.density, color, footprint.depth);
+        cell = cell.x == last.x ? ivec2(first.x, cell.y + 1) : ivec2(cell.x + 1, cell.y);
     }
 }

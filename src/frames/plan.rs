@@ -11,7 +11,7 @@ const STAGING: u64 = 18 << 20;
 /// Fixed bytes a region pixel: G-buffer, receivers, output, list headers.
 const REGION_BYTES_PER_PIXEL: u64 = gbuffer::BYTES_PER_PIXEL + receivers::BYTES_PER_PIXEL + 16 + 11;
 /// Larger micro-buffer memory than this only leaves the caches.
-const MOST_MICROBUFFER_BYTES: u64 = 64 << 20;
+const MOST_MICROBUFFER_BYTES: u64 = 16 << 20;
 /// A dispatch sized from a count has at most 65,535 workgroups of 64.
 const MOST_PAIRS: u64 = 65_535 * 64;
 

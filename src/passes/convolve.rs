@@ -196,8 +196,13 @@ impl ConvolvePass {
         let micro = MicroPixels::new(info.size);
         Ok(Self {
             pipeline: ComputePipeline::new(context, "convolve/convolve.comp", &constants)?,
-            indices: Buffer::from_slice(context, "micro-pixel indices", &micro.indices)?,
-            directions: Buffer::from_slice(context, "micro-pixel directions", &micro.directions)?,
+            indices: Buffer::texels_from_slice(context, "micro-pixel indices", &micro.indices, vk::Format::R32_UINT)?,
+            directions: Buffer::texels_from_slice(
+                context,
+                "micro-pixel directions",
+                &micro.directions,
+                vk::Format::R32G32B32A32_SFLOAT,
+            )?,
             overflowed: Buffer::from_slice(context, "convolve counts", &[0_u32])?,
         })
     }
@@ -209,8 +214,8 @@ impl ConvolvePass {
     pub fn bind<'a>(&'a self, bindings: Bindings<'a>, far_field: &'a GpuFarField) -> Result<DescriptorSet> {
         self.pipeline.bind(
             &bindings
-                .buffer("MicroIndices", &self.indices)
-                .buffer("MicroDirections", &self.directions)
+                .buffer("micro_indices", &self.indices)
+                .buffer("micro_directions", &self.directions)
                 .buffer("ConvolveCounts", &self.overflowed)
                 .sampled("far_field", &far_field.image, far_field.sampler.handle),
         )

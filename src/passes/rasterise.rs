@@ -28,7 +28,16 @@ impl RasterInfo {
         match self.paper {
             Paper { image: true, .. } => micro_pixels * 8,
             Paper { coverage: true, .. } => micro_pixels * 8,
-            _ => micro_pixels * 40,
+            _ => micro_pixels * 36,
+        }
+    }
+
+    /// Bytes and texels of a micro-pixel's nearest: depth, or depth and node.
+    fn nearest(&self) -> (u64, vk::Format) {
+        match self.paper {
+            Paper { image: true, .. } => (0, vk::Format::R32G32_UINT),
+            Paper { coverage: true, .. } => (8, vk::Format::R32G32_UINT),
+            _ => (4, vk::Format::R32_SFLOAT),
         }
     }
 
@@ -41,10 +50,11 @@ impl RasterInfo {
 
 /// Micro-buffers of a chunk of pixels.
 pub struct MicroBuffers {
-    /// Depth and node of the nearest, 64 bits a micro-pixel; a token where the paper's image is the store.
+    /// The nearest depth of a micro-pixel; depth and node, 64 bits, where one node is kept; a token where the paper's
+    /// image is the store.
     pub nearest: Buffer,
-    /// Fixed-point sums of two layers, four 64-bit words a micro-pixel; a token where one node a micro-pixel is kept.
-    pub sums: Buffer,
+    /// Fixed-point sums of two layers, four 32-bit numbers each; a token where one node a micro-pixel is kept.
+    pub layers: Buffer,
     /// The paper's store; a token otherwise.
     pub store: Image,
     /// How far each pixel of the chunk has come, by pass.
@@ -66,6 +76,7 @@ impl MicroBuffers {
         let micro_pixels = u64::from(info.size * info.size) * u64::from(pixels);
         let (columns, rows) = if info.paper.image { store_shape(context, info.size, pixels) } else { (1, 1) };
         let side = if info.paper.image { info.size } else { 1 };
+        let (nearest_bytes, nearest_format) = info.nearest();
         let store = Image::new(
             context,
             ImageInfo {
@@ -78,15 +89,10 @@ impl MicroBuffers {
             },
         )?;
         Ok(Self {
-            nearest: Buffer::with_texels(
+            nearest: Buffer::with_texels(context, "micro-buffer depth", micro_pixels * nearest_bytes, nearest_format)?,
+            layers: Buffer::with_texels(
                 context,
-                "micro-buffer depth",
-                if info.paper.image { 0 } else { micro_pixels * 8 },
-                vk::Format::R32G32_UINT,
-            )?,
-            sums: Buffer::with_texels(
-                context,
-                "micro-buffer sums",
+                "micro-buffer layers",
                 if info.paper.one_node() { 0 } else { micro_pixels * 32 },
                 vk::Format::R32G32B32A32_UINT,
             )?,
@@ -117,10 +123,8 @@ impl MicroBuffers {
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
         others
             .buffer("Nearest", &self.nearest)
-            .buffer("NearestHalves", &self.nearest)
-            .buffer("Sums", &self.sums)
-            .buffer("sums", &self.sums)
-            .buffer("nearest_halves", &self.nearest)
+            .buffer("nearest_depths", &self.nearest)
+            .buffer("layers", &self.layers)
             .storage_image("store", &self.store)
     }
 
@@ -151,10 +155,11 @@ impl MicroBuffers {
                     );
                     self.store.transition(device, commands, Use::CopyTarget, Use::StorageImage);
                 } else {
-                    device.cmd_fill_buffer(commands, self.nearest.handle, 0, micro_pixels * 8, NO_DEPTH);
+                    let bytes = micro_pixels * self.info.nearest().0;
+                    device.cmd_fill_buffer(commands, self.nearest.handle, 0, bytes, NO_DEPTH);
                 }
                 if !self.info.paper.one_node() {
-                    device.cmd_fill_buffer(commands, self.sums.handle, 0, micro_pixels * 32, 0);
+                    device.cmd_fill_buffer(commands, self.layers.handle, 0, micro_pixels * 32, 0);
                 }
                 for cursors in &self.cursors {
                     device.cmd_fill_buffer(commands, cursors.handle, 0, u64::from(pixels) * 4, 0);
