@@ -80,6 +80,7 @@ fn buffers() -> [Struct; 2] {
             handed as "handed_count",
             cut as "cut_count",
             visited as "visited_count",
+            taken as "taken",
             placed as "placed",
         }),
         members!(RasterCounts {

@@ -1,7 +1,8 @@
 #version 460
-// Hybrid's second part (Sabbadin 2019, 5.2.2): each invocation takes one pair that the geometry shader left and walks
-// its sub-tree depth first, splitting the receiver where its pixels disagree. The walk needs no stack of nodes: a
-// sub-tree ends at its root's skip, and a receiver has at most four levels above the pixels.
+// Hybrid's second part (Sabbadin 2019, 5.2.2): pairs that the geometry shader left are walked depth first, splitting the
+// receiver where its pixels disagree. The walk needs no stack of nodes: a sub-tree ends at its root's skip, and a
+// receiver has at most four levels above the pixels. Sub-trees differ much in size, so an invocation that is done with
+// one takes the next that is left, and the invocations of a SIMD group stay busy together.
 #extension GL_GOOGLE_include_directive : require
 #include "shared/traversal.glsl"
 #include "common/counts.glsl"
@@ -11,54 +12,74 @@
 
 layout(local_size_x = 64) in;
 
-layout(std430, binding = 10) readonly buffer HandedPairs { uvec2 handed_pairs[]; };
+layout(binding = 10) uniform usamplerBuffer handed_pairs;
 layout(std430, binding = 11) writeonly buffer CutPairs { uvec2 cut_pairs[]; };
+
+// Some devices end long loops silently (lavapipe after 65,535 turns of a SIMD group): an invocation takes no more pairs
+// after this many turns, and one that a single pair keeps longer than the other gives the batch up.
+const uint MOST_TURNS = 4000u;
+const uint TOO_MANY_TURNS = 60000u;
 
 void append(uint node, uint receiver) {
     uint at = atomicAdd(cut_count, 1u);
     if (at < traversal.capacity) cut_pairs[at] = uvec2(node, receiver);
 }
 
+// A number for each level below the one that a walk starts at, in registers.
+uint at_level(uvec4 numbers, uint level) {
+    return level < 2u ? (level == 0u ? numbers.x : numbers.y) : (level == 2u ? numbers.z : numbers.w);
+}
+uvec4 with_level(uvec4 numbers, uint level, uint number) {
+    return mix(numbers, uvec4(number), equal(uvec4(level), uvec4(0u, 1u, 2u, 3u)));
+}
+
 void main() {
-    uint index = gl_GlobalInvocationID.x;
-    if (index >= min(handed_count, traversal.capacity)) return;
-    uvec2 pair = handed_pairs[index];
-    uint node = pair.x;
-    uint receiver = pair.y;
-    uint root_level = receiver_level(receiver);
-    // Where the sub-tree that is walked for a receiver of each level starts and ends.
-    uint first[5];
-    uint last[5];
-    first[root_level] = node;
-    last[root_level] = node_skip(node);
+    uint most = min(handed_count, traversal.capacity);
+    uint node = 0u;
+    uint receiver = 0u;
+    // Where the sub-tree that is walked ends for the receiver that the walk starts at, and where it starts and ends for
+    // the receivers below.
+    uint root_level = 0u;
+    uint root_last = 0u;
+    uvec4 first = uvec4(0u);
+    uvec4 last = uvec4(0u);
     uint visited = 0u;
-    for (;;) {
+    uint turns = 0u;
+    for (; turns < TOO_MANY_TURNS; ++turns) {
         uint level = receiver_level(receiver);
-        if (node == last[level]) {
-            if (level == root_level) break;
-            if ((receiver & 3u) == 3u) {
+        uint end = level == root_level ? root_last : at_level(last, level);
+        if (node == end) {
+            if (level == root_level) {
+                if (turns > MOST_TURNS) break;
+                uint index = atomicAdd(taken, 1u);
+                if (index >= most) break;
+                uvec2 pair = texelFetch(handed_pairs, int(index)).xy;
+                node = pair.x;
+                receiver = pair.y;
+                root_level = receiver_level(receiver);
+                root_last = node_skip(node);
+            } else if ((receiver & 3u) == 3u) {
                 // The fourth child is done: its parent goes on behind the sub-tree.
                 receiver = receiver_code(level + 1u, receiver_index(receiver) >> 2u);
             } else {
                 receiver += 1u;
-                node = first[level];
+                node = at_level(first, level);
             }
             continue;
         }
         uint slot = receiver_slot(traversal.pixels, receiver);
         vec4 ball = receiver_sphere(slot);
         if (ball.w < 0.0) { // no covered pixel below
-            node = last[level];
+            node = end;
             continue;
         }
         visited += 1u;
         Area area = node_area(node);
-        uint action = 
-            decide(node, area, level, ball, receiver_cone(slot), traversal.stop_sin2);
+        uint action = decide(node, area, level, ball, receiver_cone(slot), traversal.stop_sin2);
         if (action == SPLIT) {
             receiver = first_child(receiver);
-            first[level - 1u] = node;
-            last[level - 1u] = area.skip;
+            first = with_level(first, level - 1u, node);
+            last = with_level(last, level - 1u, area.skip);
         } else if (action == DESCEND) {
             node += 1u;
         } else {
@@ -67,4 +88,6 @@ void main() {
         }
     }
     atomicAdd(visited_count, visited);
+    // As if there were more pairs than fit: the batch is split.
+    if (turns == TOO_MANY_TURNS) atomicMax(cut_count, traversal.capacity + 1u);
 }

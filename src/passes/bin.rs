@@ -54,6 +54,8 @@ pub struct Counts {
     pub cut: u32,
     /// Pairs that the compute pass looked at.
     pub visited: u32,
+    /// Pairs that the compute pass has begun, or asked for in vain.
+    pub taken: u32,
     /// Nodes that have a place in a list.
     pub placed: u32,
 }

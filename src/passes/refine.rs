@@ -43,7 +43,7 @@ impl RefinePass {
     ) -> Result<DescriptorSet> {
         let set = self
             .pipeline
-            .bind(&bindings.buffer("HandedPairs", handed).buffer("CutPairs", &self.cut).buffer("Counts", counts))?;
+            .bind(&bindings.buffer("handed_pairs", handed).buffer("CutPairs", &self.cut).buffer("Counts", counts))?;
         recorder.pass("refine", |_, commands| {
             self.pipeline.dispatch_indirect(commands, &set, &constants, arguments);
         });

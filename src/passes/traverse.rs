@@ -40,7 +40,7 @@ impl FeedbackBuffers {
         Ok(Self {
             ping: Buffer::new(context, "pairs ping", bytes)?,
             pong: Buffer::new(context, "pairs pong", bytes)?,
-            done: Buffer::new(context, "pairs done", bytes)?,
+            done: Buffer::with_texels(context, "pairs done", bytes, vk::Format::R32G32_UINT)?,
             counters: Buffer::new(context, "feedback counters", u64::from(iterations) * 4)?,
             done_counter: Buffer::new(context, "feedback done counter", 4)?,
             capacity,
