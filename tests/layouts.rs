@@ -58,6 +58,7 @@ fn push_constants() -> [Struct; 4] {
             far_field_height as "far_field_height",
             stop_sin2 as "stop_sin2",
             last_round as "last_round",
+            typical as "typical",
             store_columns as "store_columns",
         }),
         members!(ImageRegion { width as "width", height as "height", tiles_x as "tiles_x", pixels as "pixels" }),

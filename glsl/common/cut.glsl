@@ -54,7 +54,7 @@ uint decide_pixel(uint node, Area area, bool leaf, vec3 position, vec3 normal, f
     vec4 sphere = node_sphere(node);
     precise vec3 to_node = sphere.xyz - position;
     precise float distance2 = exact_dot(to_node, to_node);
-    bool stops = pixel_stops(distance2, sphere.w, stop_sin2, leaf);
+    bool stops = !area.opens && pixel_stops(distance2, sphere.w, stop_sin2, leaf);
     if (stops && !PAPER_COVERAGE) {
         // What covers nothing is not rasterised: below the horizon, or facing away.
         precise float height = exact_dot(normal, to_node);
@@ -96,7 +96,7 @@ uint decide_coarse(uint node, Area area, bool leaf, uint level, vec4 receiver_ba
     float nearest = max(0.0, centre_distance - receiver_ball.w);
     float farthest = centre_distance + receiver_ball.w;
     float radius2 = sphere.w * sphere.w;
-    if (leaf || radius2 <= stop_sin2 * nearest * nearest * (1.0 - 1e-4)) {
+    if (!area.opens && (leaf || radius2 <= stop_sin2 * nearest * nearest * (1.0 - 1e-4))) {
         if (PAPER_COVERAGE) return STOP;
         // As for single pixels: what covers nothing is not rasterised. Where pixels differ, those below the next level
         // are asked, unless so few are left that offering it to all of them costs less.
@@ -107,7 +107,7 @@ uint decide_coarse(uint node, Area area, bool leaf, uint level, vec4 receiver_ba
         bool covers_all = bottom - reached > 0.0 && facing + spread < 0.0;
         return covers_all || level <= UNDIVIDED ? STOP : SPLIT;
     }
-    if (radius2 > stop_sin2 * farthest * farthest * (1.0 + 1e-4)) return DESCEND;
+    if (area.opens || radius2 > stop_sin2 * farthest * farthest * (1.0 + 1e-4)) return DESCEND;
     return SPLIT;
 }
 

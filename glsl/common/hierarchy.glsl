@@ -12,6 +12,8 @@ layout(binding = 3) uniform samplerBuffer node_radiances;
 // integers are denormals (passes::float_with).
 uint carried(float texel) { return floatBitsToUint(texel) & 0x1fffffffu; }
 
+const uint OPENS = 1u << 28u;
+
 struct Cone {
     vec3 axis;
     float cosine;
@@ -31,11 +33,13 @@ vec4 node_sphere(uint node) { return texelFetch(node_spheres, int(node)); }
 struct Area {
     vec3 vector;
     uint skip;
+    bool opens; // never taken as it is, whatever its size (Hierarchy::opens)
 };
 
 Area node_area(uint node) {
     vec4 texel = texelFetch(node_areas, int(node));
-    return Area(texel.xyz, carried(texel.w));
+    uint bits = carried(texel.w);
+    return Area(texel.xyz, bits & (OPENS - 1u), (bits & OPENS) != 0u);
 }
 
 uint node_skip(uint node) { return node_area(node).skip; }

@@ -37,8 +37,10 @@ const float OPAQUE = 0.75;
 // Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
 // Always dividing would move a lamp's energy when it straddles micro-pixels. What the plain sums lack or have too much
 // in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
-const float PLAIN_LOW = 0.5;
-const float PLAIN_HIGH = 1.6;
+const float PLAIN_LOW = 0.0;
+const float PLAIN_HIGH = 1e9;
+
+float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
 
 struct Surface {
     vec3 base_color;
@@ -139,6 +141,9 @@ void main() {
     vec3 radiance = vec3(0.0);
     vec3 all = vec3(0.0); // reflectance over the hemisphere
     vec3 seen = vec3(0.0); // ... and over the shares that the radiance stands for
+    // Mean radiance by reflected share, where bright light counts less (Karis 2013, Tone Mapping, as for antialiasing).
+    vec3 tame = vec3(0.0);
+    float tame_weight = 1e-20;
     for (int m = 0; m < textureSize(micro_directions); ++m) {
         uint micro = texelFetch(micro_indices, m).x;
         vec4 middle = texelFetch(micro_directions, m);
@@ -154,8 +159,13 @@ void main() {
         radiance += incoming * reflected;
         all += reflected;
         seen += counted * reflected;
+        float share = counted * luminance(reflected) * gather.typical / (gather.typical + luminance(incoming) / max(counted, 1e-6));
+        tame += share / max(counted, 1e-6) * incoming;
+        tame_weight += share;
     }
-    radiance *= mix(vec3(1.0), all / max(seen, vec3(1e-20)), greaterThan(seen, vec3(0.0)));
+    // What plain sums lack or have too much is ordinary light: taken from all in proportion, it would change lamps, whose
+    // sums are right.
+    radiance = max(vec3(0.0), radiance + (all - seen) * tame / tame_weight);
     if (MATERIAL == 0u) radiance += surface.emissive;
     output_image[uint(texel.y) * gather.width + uint(texel.x)] = vec4(radiance, 1.0);
 }

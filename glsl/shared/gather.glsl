@@ -13,5 +13,6 @@ layout(push_constant) uniform Gather {
     uint far_field_height; // texels; 0 where there is no far field
     float stop_sin2;    // as in traversal.glsl, for classic's walk
     uint last_round;    // 1 in the last dispatch that a raster pass gets for this chunk
+    float typical;      // mean luminance of the cloud
     uint store_columns; // micro-buffers in a row of the paper's image store
 } gather;

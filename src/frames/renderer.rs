@@ -447,6 +447,7 @@ impl Renderer {
             far_field_height: self.far_field.height,
             stop_sin2: self.stop_sin2(),
             last_round: 0,
+            typical: self.hierarchy.typical.max(1e-20),
             store_columns: self.micro_buffers.columns(),
         }
     }

@@ -62,6 +62,8 @@ pub struct Gather {
     pub stop_sin2: f32,
     /// 1 in the last dispatch that a raster pass gets for this chunk: what it leaves unfinished is counted.
     pub last_round: u32,
+    /// Mean luminance of the cloud.
+    pub typical: f32,
     /// Micro-buffers in a row of the paper's image store.
     pub store_columns: u32,
 }
@@ -129,13 +131,15 @@ pub struct GpuHierarchy {
     pub depth: u32,
     /// Largest channel of any point's radiance, which bounds that of nodes from all sides.
     pub brightest: f32,
+    /// Mean luminance of the cloud.
+    pub typical: f32,
 }
 
 impl GpuHierarchy {
     /// Uploads a hierarchy for renderings in the given ways of the paper.
     ///
     /// # Errors
-    /// [`Error::Limit`] for 2^29 nodes or more, or when an array is larger than the device's buffers.
+    /// [`Error::Limit`] for 2^28 nodes or more, or when an array is larger than the device's buffers.
     pub fn new(context: &Arc<Context>, hierarchy: &Hierarchy, paper: Paper) -> Result<Self> {
         let nodes = hierarchy.len();
         if nodes > MOST_NODES {
@@ -146,7 +150,11 @@ impl GpuHierarchy {
             .area_vectors
             .iter()
             .zip(&hierarchy.skips)
-            .map(|([x, y, z], skip)| [*x, *y, *z, float_with(*skip)])
+            .enumerate()
+            .map(|(node, ([x, y, z], skip))| {
+                let opens = if hierarchy.opens(node) { OPENS } else { 0 };
+                [*x, *y, *z, float_with(*skip | opens)]
+            })
             .collect();
         let radiances: Vec<[f32; 4]> = hierarchy
             .radiance_vectors
@@ -165,6 +173,7 @@ impl GpuHierarchy {
             nodes: nodes as u32,
             depth: hierarchy.depth,
             brightest: hierarchy.brightest_point,
+            typical: hierarchy.colors.first().map_or(0.0, |[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b),
         })
     }
 
@@ -178,8 +187,10 @@ impl GpuHierarchy {
     }
 }
 
-/// Skips, of which the largest is the number of nodes, fit [`float_with`].
-const MOST_NODES: usize = (1 << 29) - 1;
+/// Skips, of which the largest is the number of nodes, fit [`float_with`] with a bit to spare.
+const MOST_NODES: usize = (1 << 28) - 1;
+/// That bit: [`Hierarchy::opens`].
+const OPENS: u32 = 1 << 28;
 
 /// A float that carries 29 bits through a texel of floats. As they are they might be a denormal number, which devices
 /// may flush to zero, or NaN, whose bits they need not keep; with bit 30 set and bit 29 clear they are neither.

@@ -24,12 +24,12 @@ pub fn covers(hierarchy: &Hierarchy, node: usize, position: Vec3, normal: Vec3) 
     dot(normal, to_node) > 0.0 && dot(Vec3::from(hierarchy.area_vectors[node]), to_node) < 0.0
 }
 
-/// Whether a node's solid angle is at most the threshold, or it has no children (Sabbadin 2019, Eq. 4). `stop_sin2` is
-/// [`crate::passes::sin2_of_share`] of the threshold.
+/// Whether a node's solid angle is at most the threshold, or it has no children (Sabbadin 2019, Eq. 4), and it is none of
+/// those that are opened whatever their size. `stop_sin2` is [`crate::passes::sin2_of_share`] of the threshold.
 pub fn stops(hierarchy: &Hierarchy, node: usize, position: Vec3, stop_sin2: f32) -> bool {
     let (centre, radius) = sphere(hierarchy, node);
     let to_node = centre - position;
-    hierarchy.is_leaf(node) || radius * radius <= stop_sin2 * dot(to_node, to_node)
+    !hierarchy.opens(node) && (hierarchy.is_leaf(node) || radius * radius <= stop_sin2 * dot(to_node, to_node))
 }
 
 /// Whether nothing below an inner node can cover anything: its sphere is below the horizon, or all normals face away

@@ -36,6 +36,10 @@ pub struct Hierarchy {
     pub brightest_point: f32,
 }
 
+fn luminance([r, g, b]: [f32; 3]) -> f32 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
 impl Hierarchy {
     /// Number of nodes.
     pub fn len(&self) -> usize {
@@ -50,6 +54,16 @@ impl Hierarchy {
     /// True when node `node` has no children. Panics beyond the last node, like indexing.
     pub fn is_leaf(&self, node: usize) -> bool {
         self.skips[node] as usize == node + 1
+    }
+
+    /// True for an inner node that a cut never takes as it is: bright points whose normals spread more than 60 degrees
+    /// about their axis. One area and one radiance vector cannot say how much of a lamp's edge is seen from where, and
+    /// with lamps that shows. Not in the paper.
+    pub fn opens(&self, node: usize) -> bool {
+        const SPREAD_COSINE: f32 = 0.9;
+        const BRIGHT: f32 = 4.0;
+        let bright = luminance(self.colors[node]) > BRIGHT * luminance(self.colors[0]);
+        bright && !self.is_leaf(node) && self.cones[node].decode().1 < SPREAD_COSINE
     }
 
     /// Left child of an inner node.
