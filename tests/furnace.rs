@@ -18,6 +18,8 @@ const DIFFUSE: f32 = 1e-3;
 const HALF_SPACE: f32 = 0.02;
 /// How far a pixel may be from the patch's answer, relative: measured -0.031 and +0.013.
 const PATCH: f32 = 0.04;
+/// The same for a lamp with sides: measured -0.001 and +0.014.
+const LAMP: f32 = 0.025;
 
 fn camera() -> Camera {
     Camera { from: vec3(0.3, 0.25, 0.9), at: Vec3::ZERO, fov_y: 0.55 }
@@ -166,6 +168,58 @@ fn a_bright_patch_gives_its_form_factor() {
     all_within("patch", &shares, 1.0, PATCH);
     let (_, mean, _) = range(&shares);
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
+}
+
+/// A block that hangs from the ceiling of a black room: its underside sends 50, its sides are black.
+fn block_lamp() -> (relume::scene::Cloud, [Vec3; 4]) {
+    const HALF_SIDE: f32 = 0.15;
+    const TALL: f32 = 0.06;
+    const SPACING: f32 = 0.015;
+    let mut cloud = box_cloud(HALF, 20_000, |_, _| Vec3::ZERO);
+    let mut add = |position: Vec3, normal: Vec3, color: f32| {
+        cloud.positions.push(position);
+        cloud.normals.push(normal);
+        cloud.colors.push(Vec3::splat(color));
+        cloud.spacing.push(SPACING);
+    };
+    let columns = (2.0 * HALF_SIDE / SPACING).round() as u32;
+    let rows = (TALL / SPACING).round() as u32;
+    let along = |i: u32| (i as f32 + 0.5) * SPACING - HALF_SIDE;
+    for i in 0..columns {
+        for k in 0..columns {
+            add(vec3(along(i), HALF.y - TALL, along(k)), -Vec3::Y, 50.0);
+        }
+        for k in 0..rows {
+            let y = HALF.y - (k as f32 + 0.5) * SPACING;
+            for side in [-1.0, 1.0] {
+                add(vec3(side * HALF_SIDE, y, along(i)), Vec3::X * side, 0.0);
+                add(vec3(along(i), y, side * HALF_SIDE), Vec3::Z * side, 0.0);
+            }
+        }
+    }
+    let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+    (cloud, corners.map(|(x, z)| vec3(x * HALF_SIDE, HALF.y - TALL, z * HALF_SIDE)))
+}
+
+#[test]
+fn a_lamp_with_dark_sides_keeps_its_light() {
+    let device = Device::new();
+    let (cloud, corners) = block_lamp();
+    let lamp = build(&cloud);
+    for microbuffer in [16, 24, 48] {
+        let settings = Settings { microbuffer, ..furnace(MaterialChoice::Diffuse(1.0)) };
+        let frame = render(&device, &lamp, settings);
+        let above = |n: Vec3, p: Vec3| corners.iter().all(|c| n.dot((c - p).normalize()) > 0.25);
+        let shares: Vec<f32> = covered(&frame)
+            .into_iter()
+            .filter(|(n, p, _)| above(*n, *p))
+            .map(|(n, p, e)| e / (50.0 * polygon(p, n, &corners)))
+            .collect();
+        assert!(shares.len() > 80, "{} pixels see the whole lamp", shares.len());
+        all_within(&format!("lamp, {microbuffer}"), &shares, 1.0, LAMP);
+        let (_, mean, _) = range(&shares);
+        assert!((mean - 1.0).abs() < 0.004, "{microbuffer}: {mean}");
+    }
 }
 
 /// What a GGX metal with F = 1 reflects of white light all round: its directional albedo, by quadrature over the disc.

@@ -11,6 +11,9 @@ use super::recorder::run_once;
 use super::uses::Use;
 use crate::{Error, Result};
 
+/// Uploads and downloads go through a staging buffer of at most this many bytes, or one row of an image.
+const PIECE: usize = 16 << 20;
+
 /// A buffer on the device.
 pub struct Buffer {
     context: Arc<Context>,
@@ -150,7 +153,6 @@ impl Buffer {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn upload(&self, bytes: &[u8]) -> Result<()> {
-        const PIECE: usize = 16 << 20;
         if bytes.is_empty() {
             return Ok(());
         }
@@ -171,7 +173,6 @@ impl Buffer {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn download<T: bytemuck::Pod>(&self, count: usize) -> Result<Vec<T>> {
-        const PIECE: usize = 16 << 20;
         let total = count * size_of::<T>();
         let mut bytes = vec![0_u8; total];
         if total == 0 {
@@ -333,40 +334,38 @@ impl Image {
     /// As [`Image::new`].
     pub fn with_contents(context: &Arc<Context>, info: ImageInfo<'_>, levels: &[&[u8]]) -> Result<Self> {
         let image = Self::new(context, info)?;
-        let total: usize = levels.iter().map(|l| l.len()).sum();
-        let mut staging = Buffer::staging(context, total as u64, MemoryLocation::CpuToGpu)?;
-        let mut regions = Vec::new();
-        let mut at = 0;
+        run_once(context, |device, commands| image.transition(device, commands, Use::Undefined, Use::CopyTarget))?;
         for (level, texels) in levels.iter().enumerate() {
-            staging.mapped_mut()?[at..at + texels.len()].copy_from_slice(texels);
-            let level = level as u32;
-            regions.push(
-                vk::BufferImageCopy::default()
-                    .buffer_offset(at as u64)
-                    .image_subresource(layers_of(vk::ImageAspectFlags::COLOR, level))
-                    .image_extent(vk::Extent3D {
-                        width: (info.width >> level).max(1),
-                        height: (info.height >> level).max(1),
-                        depth: 1,
-                    }),
-            );
-            at += texels.len();
+            image.upload_level(level as u32, (info.height >> level).max(1), texels)?;
         }
-        run_once(context, |device, commands| {
-            image.transition(device, commands, Use::Undefined, Use::CopyTarget);
-            // SAFETY: the regions lie inside the staging buffer and the image, which is in this layout.
-            unsafe {
-                device.cmd_copy_buffer_to_image(
-                    commands,
-                    staging.handle,
-                    image.handle,
-                    vk::ImageLayout::TRANSFER_DST_OPTIMAL,
-                    &regions,
-                );
-            }
-            image.transition(device, commands, Use::CopyTarget, Use::SampledRead);
-        })?;
+        run_once(context, |device, commands| image.transition(device, commands, Use::CopyTarget, Use::SampledRead))?;
         Ok(image)
+    }
+
+    /// Fills a level of `height` rows, as many rows at once as the staging buffer holds. The image must be a copy target.
+    fn upload_level(&self, level: u32, height: u32, texels: &[u8]) -> Result<()> {
+        let row = texels.len() / height as usize;
+        let rows = (PIECE / row).clamp(1, height as usize);
+        let mut staging = Buffer::staging(&self.context, (rows * row) as u64, MemoryLocation::CpuToGpu)?;
+        for (i, piece) in texels.chunks(rows * row).enumerate() {
+            staging.mapped_mut()?[..piece.len()].copy_from_slice(piece);
+            let region = vk::BufferImageCopy::default()
+                .image_subresource(layers_of(vk::ImageAspectFlags::COLOR, level))
+                .image_offset(vk::Offset3D { x: 0, y: (i * rows) as i32, z: 0 })
+                .image_extent(vk::Extent3D {
+                    width: (self.width >> level).max(1),
+                    height: (piece.len() / row) as u32,
+                    depth: 1,
+                });
+            run_once(&self.context, |device, commands| {
+                let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+                // SAFETY: the region lies inside the staging buffer and the image, which is in this layout.
+                unsafe {
+                    device.cmd_copy_buffer_to_image(commands, staging.handle, self.handle, layout, &[region]);
+                }
+            })?;
+        }
+        Ok(())
     }
 
     /// Texels of level 0, tightly packed rows from the top. The image must be in the layout of `now` and stays there.

@@ -28,6 +28,12 @@ pub(in crate::cli) struct Args {
     /// The toy room alone, viewports to 256x256, micro-buffers to 24x24
     #[arg(long)]
     quick: bool,
+    /// Viewports of this many pixels a side alone
+    #[arg(long, value_name = "SIDE")]
+    viewport: Option<u32>,
+    /// Micro-buffers of this many micro-pixels a side alone
+    #[arg(long, value_name = "N")]
+    microbuffer: Option<u32>,
     /// The numbers, written after every cell
     #[arg(long, value_name = "FILE.json")]
     json: Option<PathBuf>,
@@ -125,6 +131,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     } else {
         let (viewports, microbuffers) = (vec![128, 256, 512, 1024], vec![16, 24, 32]);
         (vec![toy, large], Grid { viewports, microbuffers, techniques, memory_budget })
+    };
+    let only = |wanted: Option<u32>, all: Vec<u32>| wanted.map_or(all, |size| vec![size]);
+    let grid = Grid {
+        viewports: only(args.viewport, grid.viewports),
+        microbuffers: only(args.microbuffer, grid.microbuffers),
+        ..grid
     };
     say!("{device}, {driver}\n{HOW}")?;
     let (mut rooms, mut cells) = (Vec::new(), Vec::new());
