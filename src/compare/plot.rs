@@ -139,9 +139,15 @@ impl Plot {
                     .label(&series.name)
                     .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], color.stroke_width(2)));
             }
+            let lines: Vec<Vec<(i32, i32)>> = self
+                .series
+                .iter()
+                .map(|series| series.points.iter().map(|point| chart.backend_coord(point)).collect())
+                .collect();
+            let place = emptiest(&lines, chart.plotting_area().get_pixel_range());
             chart
                 .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
+                .position(place)
                 .background_style(WHITE.mix(0.85))
                 .border_style(BLACK.mix(0.3))
                 .label_font((FONT, 15))
@@ -151,6 +157,29 @@ impl Plot {
         }
         Ok(svg)
     }
+}
+
+/// The corner or side of the plot that the fewest lines cross, for the legend.
+fn emptiest(lines: &[Vec<(i32, i32)>], (across, down): (Range<i32>, Range<i32>)) -> SeriesLabelPosition {
+    const STEPS: i32 = 16;
+    let third = |at: i32, range: &Range<i32>| ((at - range.start) * 3 / (range.end - range.start).max(1)).clamp(0, 2);
+    let mut crossed = [[0; 3]; 3];
+    for (from, to) in lines.iter().flat_map(|line| line.iter().zip(line.iter().skip(1))) {
+        for k in 0..=STEPS {
+            let between = |a: i32, b: i32| a + (b - a) * k / STEPS;
+            let (x, y) = (between(from.0, to.0), between(from.1, to.1));
+            crossed[third(y, &down) as usize][third(x, &across) as usize] += 1;
+        }
+    }
+    let places = [
+        (SeriesLabelPosition::UpperRight, crossed[0][2]),
+        (SeriesLabelPosition::UpperLeft, crossed[0][0]),
+        (SeriesLabelPosition::LowerRight, crossed[2][2]),
+        (SeriesLabelPosition::LowerLeft, crossed[2][0]),
+        (SeriesLabelPosition::MiddleRight, crossed[1][2]),
+        (SeriesLabelPosition::MiddleLeft, crossed[1][0]),
+    ];
+    places.into_iter().min_by_key(|(_, lines)| *lines).map_or(SeriesLabelPosition::UpperRight, |(place, _)| place)
 }
 
 /// A tick's number without the noise of binary fractions.
