@@ -9,7 +9,7 @@ use relume::preprocess::normals;
 
 /// `None`, with a plain word about it, where the data is not at hand.
 fn shared(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("RELUME_SHARED").map(PathBuf::from);
+    let folder = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from);
     if folder.is_none() {
         eprintln!("{test}: skipped, because RELUME_SHARED is not set");
     }
