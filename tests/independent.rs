@@ -18,7 +18,7 @@ fn error(shared: &Path, material: &str, truth: &str, microbuffer: &str) -> (f64,
     let view = ["--camera-from", "0.5,1.35,1.75", "--camera-at", "0,1,0", "--fov", "30", "--size", "128x128"];
     let scene =
         ["render", "--cloud", &cloud, "--object", &object, "--material", material, "--microbuffer", microbuffer];
-    run(&[&scene[..], &view, &["--out"]].concat(), &[image.clone()]);
+    run(&[&scene[..], &view, &["--out"]].concat(), std::slice::from_ref(&image));
     let truth = reference.join(format!("sphere/sphere_whole_{truth}_room_128.exr"));
     run(&["compare", "--json", &path("error.json").display().to_string()], &[image, truth]);
     let text = std::fs::read_to_string(path("error.json")).expect("written");
