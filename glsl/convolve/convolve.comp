@@ -37,8 +37,8 @@ const float OPAQUE = 0.75;
 // Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
 // Always dividing would move a lamp's energy when it straddles micro-pixels. What the plain sums lack or have too much
 // in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
-const float PLAIN_LOW = 0.0;
-const float PLAIN_HIGH = 1e9;
+const float PLAIN_LOW = 0.5;
+const float PLAIN_HIGH = 1.6;
 
 float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
 
@@ -159,7 +159,8 @@ void main() {
         radiance += incoming * reflected;
         all += reflected;
         seen += counted * reflected;
-        float share = counted * luminance(reflected) * gather.typical / (gather.typical + luminance(incoming) / max(counted, 1e-6));
+        float brightness = luminance(incoming) / max(counted, 1e-6);
+        float share = counted * luminance(reflected) * gather.typical / (gather.typical + brightness);
         tame += share / max(counted, 1e-6) * incoming;
         tame_weight += share;
     }
