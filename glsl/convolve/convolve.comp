@@ -34,11 +34,9 @@ layout(binding = 20) uniform sampler2D far_field;
 
 // A front layer that covers this share of a micro-pixel hides what lies behind; a smaller one lets the rest show.
 const float OPAQUE = 0.75;
-// Between these shares the covered radiance of a front layer is summed as it is; outside, it is divided by the share.
-// Always dividing would move a lamp's energy when it straddles micro-pixels. What the plain sums lack or have too much
-// in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
-const float PLAIN_LOW = 0.5;
-const float PLAIN_HIGH = 1.6;
+// The covered radiance of an opaque front layer is summed as it is. Dividing by the covered share would move a lamp's
+// energy when it straddles micro-pixels, and halve a lamp that hangs close to a ceiling. What plain sums lack or have
+// too much in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
 
 float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
 
@@ -81,7 +79,7 @@ vec3 micro_radiance(uint at, uint micro, float whole, out float counted) {
     vec3 back_mean = vec3(back.rgb) / max(1e-9, gather.color_scale * coverage.y);
     float opaque = coverage.y > 0.0 ? min(1.0, coverage.x / (OPAQUE * whole)) : 1.0;
     float share = coverage.x / whole;
-    float kept = opaque == 1.0 && share > PLAIN_LOW && share < PLAIN_HIGH ? share : opaque;
+    float kept = opaque == 1.0 ? share : opaque;
     counted = kept + (1.0 - opaque);
     return front_mean * kept + back_mean * (1.0 - opaque);
 }
