@@ -170,7 +170,8 @@ fn a_bright_patch_gives_its_form_factor() {
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
 }
 
-/// A block that hangs from the ceiling of a black room: its underside sends 50, its sides are black.
+/// A block that hangs from the ceiling of a black room: its underside sends 50, its sides are black. The ceiling goes on
+/// behind it, so near that both belong to one front layer.
 fn block_lamp() -> (relume::scene::Cloud, [Vec3; 4]) {
     const HALF_SIDE: f32 = 0.15;
     const TALL: f32 = 0.06;

@@ -72,6 +72,7 @@ Footprint footprint_of(Site site, vec3 centre, vec3 area_vector) {
     precise vec2 variance = max(vec2(1e-4), 1.0 - at * at - lean * lean);
     precise float side = 0.5 * inverse / sqrt(inverse_area);
     const float to_micro = 0.5 * float(SIZE);
+    // Nodes larger than a micro-pixel overlap by up to a half, or coverage would be uneven where single points show.
     precise float blur = clamp(0.5 + side * to_micro, 1.0, 1.5);
     precise vec2 extent = max(vec2(0.01), blur * side * sqrt(variance) * to_micro);
     precise vec2 middle = at * to_micro + to_micro;

@@ -173,7 +173,7 @@ impl GpuHierarchy {
             nodes: nodes as u32,
             depth: hierarchy.depth,
             brightest: hierarchy.brightest_point,
-            typical: hierarchy.colors.first().map_or(0.0, |[r, g, b]| 0.2126 * r + 0.7152 * g + 0.0722 * b),
+            typical: hierarchy.mean_luminance(),
         })
     }
 

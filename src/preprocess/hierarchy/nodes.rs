@@ -56,13 +56,18 @@ impl Hierarchy {
         self.skips[node] as usize == node + 1
     }
 
-    /// True for an inner node that a cut never takes as it is: bright points whose normals spread more than 60 degrees
+    /// Mean luminance of all points; 0 without any.
+    pub fn mean_luminance(&self) -> f32 {
+        self.colors.first().map_or(0.0, |color| luminance(*color))
+    }
+
+    /// True for an inner node that a cut never takes as it is: bright points whose normals spread more than 25 degrees
     /// about their axis. One area and one radiance vector cannot say how much of a lamp's edge is seen from where, and
     /// with lamps that shows. Not in the paper.
     pub fn opens(&self, node: usize) -> bool {
         const SPREAD_COSINE: f32 = 0.9;
         const BRIGHT: f32 = 4.0;
-        let bright = luminance(self.colors[node]) > BRIGHT * luminance(self.colors[0]);
+        let bright = luminance(self.colors[node]) > BRIGHT * self.mean_luminance();
         bright && !self.is_leaf(node) && self.cones[node].decode().1 < SPREAD_COSINE
     }
 
