@@ -1,5 +1,6 @@
-//! Work on the CPU, once a scene: normals, spacing, the hierarchy. Knows no GPU.
+//! Work on the CPU, once a scene: normals, spacing, the cloud's dynamic range, the hierarchy. Knows no GPU.
 
+pub mod expansion;
 pub mod hierarchy;
 pub mod neighbours;
 pub mod normals;

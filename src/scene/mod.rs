@@ -1,11 +1,13 @@
-//! What exists in the world: clouds, objects, cameras, far fields.
+//! What exists in the world: clouds, objects, cameras, far fields, pictures.
 
 pub mod camera;
 pub mod cloud;
 pub mod far_field;
 pub mod object;
+pub mod picture;
 
 pub use camera::Camera;
 pub use cloud::Cloud;
 pub use far_field::FarField;
 pub use object::{Material, Object, Primitive, Texture, TextureRef, Vertex};
+pub use picture::Picture;
