@@ -125,7 +125,7 @@ fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
 
 /// All points along a Morton curve as (key, position, index), equal positions side by side. Neighbours in the list are
 /// neighbours in space, so that consecutive searches walk the same few leaves of the tree.
-fn spatial_order(positions: &[Vec3]) -> Vec<(u64, [f32; 3], u32)> {
+pub(super) fn spatial_order(positions: &[Vec3]) -> Vec<(u64, [f32; 3], u32)> {
     let (lo, hi) = bounds(positions);
     let scale = ((1u32 << 21) - 1) as f32 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
     let mut order: Vec<(u64, [f32; 3], u32)> = positions
@@ -153,7 +153,7 @@ fn spread(bits: u32) -> u64 {
 }
 
 /// Axis-aligned bounds: (minimum, maximum).
-fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
+pub(super) fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
     positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
 }
 

@@ -1,0 +1,62 @@
+//! Where shots are taken from, when nobody says: the paper leaves this to a person ("from the best positions, i.e. to
+//! see the most important over-exposed areas"). Places are chosen greedily, each for what it adds to those before it.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::scouts::{Scouts, Sketch};
+use crate::scene::Cloud;
+
+/// Over-exposed points that places are judged by, at most.
+const SAMPLES: usize = 4096;
+/// A point hidden by less than this share of its distance is seen: scouts are coarse.
+const HIDDEN: f32 = 0.06;
+/// Distance, as a share of the median one to all places, from which nearness gains nothing more.
+const NEAR: f32 = 0.5;
+
+/// Up to `count` places, best first; fewer where more would add nothing.
+pub(super) fn choose(cloud: &Cloud, scouts: &Scouts, over: &[bool], count: usize) -> Vec<Vec3> {
+    let all: Vec<usize> = (0..cloud.len()).filter(|&n| over[n]).collect();
+    let step = all.len().div_ceil(SAMPLES).max(1);
+    let samples: Vec<usize> = all.into_iter().step_by(step).collect();
+    let mut distances: Vec<f32> =
+        scouts.sketches.iter().flat_map(|s| samples.iter().map(|&n| s.eye.distance(cloud.positions[n]))).collect();
+    if distances.is_empty() {
+        return Vec::new();
+    }
+    let middle = distances.len() / 2;
+    let near = NEAR * *distances.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let views: Vec<Vec<f32>> = scouts
+        .sketches
+        .par_iter()
+        .map(|sketch| samples.iter().map(|&n| worth(sketch, cloud, n, near)).collect())
+        .collect();
+    let mut best = vec![0.0_f32; samples.len()];
+    let mut chosen: Vec<usize> = Vec::new();
+    while chosen.len() < count {
+        let gain = |view: &Vec<f32>| view.iter().zip(&best).map(|(new, old)| (new - old).max(0.0)).sum::<f32>();
+        let gains: Vec<f32> = views.par_iter().map(gain).collect();
+        // The first of equals, so that the order of places decides.
+        let Some(next) = (0..views.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b])) else { break };
+        if gains[next] <= 0.0 {
+            break;
+        }
+        best.iter_mut().zip(&views[next]).for_each(|(best, new)| *best = best.max(*new));
+        chosen.push(next);
+    }
+    chosen.into_iter().map(|n| scouts.sketches[n].eye).collect()
+}
+
+/// How well a place sees a point, 0 to 1: from near, from in front, and at all.
+fn worth(sketch: &Sketch, cloud: &Cloud, point: usize, near: f32) -> f32 {
+    let to = cloud.positions[point] - sketch.eye;
+    let distance = to.length();
+    let (face_depth, _) = sketch.towards(to);
+    // The axis of a cubemap's face is the largest component.
+    let depth = to.abs().max_element();
+    if !(depth <= face_depth * (1.0 + HIDDEN) + cloud.spacing[point]) || distance <= 0.0 {
+        return 0.0;
+    }
+    let cosine = -to.dot(cloud.normals[point]) / distance;
+    cosine.max(0.0) / (1.0 + (distance / near).powi(2))
+}
