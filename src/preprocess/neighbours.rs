@@ -117,7 +117,7 @@ pub(super) fn map<T: Copy + Default + Send + Sync>(
 /// The positions turned by an odd rotation. Floors and walls are planes across an axis, and half of a k-d tree's
 /// splits along that axis tell nothing apart: a million points on the floor took six times as long as a million in a
 /// cube, and take as long once the floor is oblique.
-fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
+pub(super) fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let rotation = DQuat::from_euler(EulerRot::XYZ, 0.61, 0.83, 0.47);
     let start = positions.first().map_or(DVec3::ZERO, |&p| Vec3::from(p).as_dvec3());
     positions.par_iter().map(|&p| (rotation * (Vec3::from(p).as_dvec3() - start)).as_vec3().to_array()).collect()
@@ -125,7 +125,7 @@ fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
 
 /// All points along a Morton curve as (key, position, index), equal positions side by side. Neighbours in the list are
 /// neighbours in space, so that consecutive searches walk the same few leaves of the tree.
-fn spatial_order(positions: &[Vec3]) -> Vec<(u64, [f32; 3], u32)> {
+pub(super) fn spatial_order(positions: &[Vec3]) -> Vec<(u64, [f32; 3], u32)> {
     let (lo, hi) = bounds(positions);
     let scale = ((1u32 << 21) - 1) as f32 / (hi - lo).max_element().max(f32::MIN_POSITIVE);
     let mut order: Vec<(u64, [f32; 3], u32)> = positions
@@ -153,7 +153,7 @@ fn spread(bits: u32) -> u64 {
 }
 
 /// Axis-aligned bounds: (minimum, maximum).
-fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
+pub(super) fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
     positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
 }
 
