@@ -1,5 +1,6 @@
 //! Work on the CPU, once a scene: normals, spacing, the cloud's dynamic range, the hierarchy. Knows no GPU.
 
+mod clock;
 pub mod expansion;
 pub mod hierarchy;
 pub mod neighbours;

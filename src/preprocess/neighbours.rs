@@ -117,7 +117,7 @@ pub(super) fn map<T: Copy + Default + Send + Sync>(
 /// The positions turned by an odd rotation. Floors and walls are planes across an axis, and half of a k-d tree's
 /// splits along that axis tell nothing apart: a million points on the floor took six times as long as a million in a
 /// cube, and take as long once the floor is oblique.
-fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
+pub(super) fn turn(positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let rotation = DQuat::from_euler(EulerRot::XYZ, 0.61, 0.83, 0.47);
     let start = positions.first().map_or(DVec3::ZERO, |&p| Vec3::from(p).as_dvec3());
     positions.par_iter().map(|&p| (rotation * (Vec3::from(p).as_dvec3() - start)).as_vec3().to_array()).collect()

@@ -1,12 +1,13 @@
 //! Shots are expanded by what the photo has in places that look alike (Sabbadin 2019, 4.1, the third strategy).
 
-use glam::{Vec2, Vec3, Vec4Swizzles};
+use glam::{UVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::patchmatch::{self, Field, RADIUS};
+use super::patchmatch::{self, RADIUS};
 use super::pyramid::Pyramid;
+use super::reprojection::Expanded;
 use super::shots::{NO_POINT, Shot, direction, project};
-use crate::scene::Picture;
+use crate::scene::{Cloud, Picture};
 
 /// Pixels around what is over-exposed that are matched too: an over-exposed point may be seen in one of them.
 const BORDER: u32 = 2;
@@ -18,8 +19,54 @@ fn levels(size: u32) -> usize {
     (size.max(COARSEST) / COARSEST).ilog2() as usize + 1
 }
 
+/// The photo at an exposure.
+pub(super) struct Exposed {
+    /// Clamped (Eq. 1).
+    clamped: Pyramid,
+    /// Not clamped, and without the mixed pixels around lights: see [`unmixed`].
+    lights: Picture,
+}
+
+impl Exposed {
+    pub(super) fn new(photo: &Picture, alpha: f32, shot_size: u32) -> Self {
+        let texel = |x, y| ((photo.at(x, y) * alpha).min(Vec3::ONE), 1.0);
+        let clamped = Pyramid::new(photo.width, photo.height, levels(shot_size), texel);
+        Self { clamped, lights: unmixed(photo, alpha) }
+    }
+
+    pub(super) fn size(&self) -> UVec2 {
+        UVec2::new(self.lights.width, self.lights.height)
+    }
+}
+
+/// How far a pixel on the rim of a light looks for one inside of it.
+const RIM: i32 = 2;
+
+/// The photo at an exposure, where pixels on the rim of what clips have the value of the nearest clipped pixel that is
+/// not on the rim. A pixel on a lamp's edge mixes lamp and wall, and clips all the same; the points of a cloud mix
+/// nothing, so that lamps would lose an eighth of their light to their rims.
+fn unmixed(photo: &Picture, alpha: f32) -> Picture {
+    let (width, height) = (photo.width as i32, photo.height as i32);
+    let clips = |x: i32, y: i32| {
+        let inside = photo.at(x.clamp(0, width - 1) as u32, y.clamp(0, height - 1) as u32);
+        inside.max_element() * alpha >= 1.0
+    };
+    let is_inner = |x: i32, y: i32| (-1..=1).all(|dy| (-1..=1).all(|dx| clips(x + dx, y + dy)));
+    let value = |n: usize| {
+        let (x, y) = (n as i32 % width, n as i32 / width);
+        let own = photo.rgb[n] * alpha;
+        if !clips(x, y) || is_inner(x, y) {
+            return own;
+        }
+        let around = (-RIM..=RIM).flat_map(|dy| (-RIM..=RIM).map(move |dx| (dx * dx + dy * dy, x + dx, y + dy)));
+        let inner = around.filter(|&(_, x, y)| (0..width).contains(&x) && (0..height).contains(&y) && is_inner(x, y));
+        inner.min().map_or(own, |(_, x, y)| photo.at(x as u32, y as u32) * alpha)
+    };
+    Picture { width: photo.width, height: photo.height, rgb: (0..photo.rgb.len()).into_par_iter().map(value).collect() }
+}
+
 /// A face with what lies around it, as wide as patches of the coarsest level reach; (pyramid, pixels around the face).
-pub(crate) fn face_pyramid(shot: &Shot, face: usize, colors: &(dyn Fn(u32) -> Vec3 + Sync)) -> (Pyramid, u32) {
+fn face_pyramid(cloud: &Cloud, shot: &Shot, face: usize) -> (Pyramid, u32) {
     let count = levels(shot.size);
     let around = (RADIUS as u32) << (count - 1);
     let side = shot.size + 2 * around;
@@ -29,20 +76,42 @@ pub(crate) fn face_pyramid(shot: &Shot, face: usize, colors: &(dyn Fn(u32) -> Ve
         let pixel = at.min(Vec2::splat(shot.size as f32 - 1.0)).as_uvec2();
         match shot.faces[face].point[(pixel.y * shot.size + pixel.x) as usize] {
             NO_POINT => (Vec3::ZERO, 0.0),
-            point => (colors(point), 1.0),
+            point => (cloud.colors[point as usize].min(Vec3::ONE), 1.0),
         }
     };
     (Pyramid::new(side, side, count, texel), around)
 }
 
-/// The photo at an exposure, clamped (Eq. 1).
-pub(crate) fn photo_pyramid(photo: &Picture, alpha: f32, size: u32) -> Pyramid {
-    let texel = |x, y| ((photo.at(x, y) * alpha).min(Vec3::ONE), 1.0);
-    Pyramid::new(photo.width, photo.height, levels(size), texel)
+/// A match of no cost would count for everything.
+const LEAST_COST: f32 = 0.05;
+
+/// Expands the pixels of a face that are wanted; (expanded face, patches that were compared).
+pub(super) fn expand(
+    (cloud, shot, face): (&Cloud, &Shot, usize),
+    photo: &Exposed,
+    wanted: &[bool],
+    match_threshold: f32,
+    seed: u64,
+) -> (Expanded, u64) {
+    let (pyramid, around) = face_pyramid(cloud, shot, face);
+    let options = patchmatch::Options { seed: seed.wrapping_add(face as u64), ..patchmatch::Options::default() };
+    let field = patchmatch::search((&pyramid, around, (shot.size, shot.size)), &photo.clamped, wanted, &options);
+    let last = (photo.size() - 1).as_vec2();
+    let found = |found: &patchmatch::Match| {
+        if found.cost > match_threshold {
+            return (Vec3::ZERO, 0.0);
+        }
+        let at = found.at.round().clamp(Vec2::ZERO, last).as_uvec2();
+        (photo.lights.at(at.x, at.y), 1.0 / (found.cost + LEAST_COST))
+    };
+    let (colors, weights) = field.matches.par_iter().map(found).unzip();
+    let costs = field.matches.iter().map(|found| found.cost).collect();
+    let places = field.matches.iter().map(|found| found.at).collect();
+    (Expanded { colors, weights, costs, places }, field.compared)
 }
 
 /// Pixels that show an over-exposed point, and those beside them.
-pub(crate) fn wanted(shot: &Shot, face: usize, over: &[bool]) -> Vec<bool> {
+pub(super) fn wanted(shot: &Shot, face: usize, over: &[bool]) -> Vec<bool> {
     let size = shot.size as i32;
     let points = &shot.faces[face].point;
     let is_over = |x: i32, y: i32| {

@@ -53,8 +53,8 @@ impl Default for Options {
 /// What it costs to take one patch for another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
-    /// Sum of squared differences over the 7 x 7 pixels and three channels (Sabbadin 2019, 4.1), the mean over the
-    /// pyramid's levels.
+    /// Sum of squared differences over the 7 x 7 pixels (Sabbadin 2019, 4.1), the mean over the channels and over the
+    /// pyramid's levels, of which each counts for 0.7 of the next finer one.
     Difference,
     /// Mean squared difference after the mean difference is taken out, over all levels. Between logarithms of base 2 it
     /// is blind to exposure. What is invalid in either image does not count.
@@ -338,7 +338,7 @@ impl Task<'_> {
     fn difference(&self, x: u32, y: u32, guess: Match, most: f32) -> Match {
         let weight = self.weights[(y * self.mask.width + x) as usize];
         let step = guess.step();
-        let (mut sum, limit) = (0.0, most * weight);
+        let (mut sum, limit) = (0.0, most * 3.0 * weight);
         for level in (self.level..=self.coarsest).rev() {
             let mut total = Vec4::ZERO;
             self.walk((x, y), &guess, step, level, |a, b| {
@@ -350,7 +350,7 @@ impl Task<'_> {
                 return Match { cost: NONE, ..guess };
             }
         }
-        Match { cost: sum / weight, gain: 1.0, ..guess }
+        Match { cost: sum / (3.0 * weight), gain: 1.0, ..guess }
     }
 
     /// [`Measure::AnyGain`].

@@ -11,11 +11,10 @@ mod sort;
 mod sphere;
 mod tree;
 
-use std::time::Instant;
-
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::clock::Clock;
 use crate::scene::Cloud;
 use crate::{Error, Result};
 
@@ -143,21 +142,6 @@ pub fn build(cloud: &Cloud, options: &BuildOptions) -> Result<(Hierarchy, BuildR
     report.seconds = clock.steps;
     report.peak_bytes_estimate = peak_bytes(points, leaves);
     Ok((hierarchy, report))
-}
-
-/// Seconds by step.
-#[derive(Default)]
-struct Clock {
-    steps: Vec<(&'static str, f64)>,
-}
-
-impl Clock {
-    fn time<T>(&mut self, step: &'static str, work: impl FnOnce() -> T) -> T {
-        let start = Instant::now();
-        let result = work();
-        self.steps.push((step, start.elapsed().as_secs_f64()));
-        result
-    }
 }
 
 fn check_options(options: &BuildOptions) -> Result<()> {
