@@ -27,7 +27,10 @@ fn lamps(width: u32, height: u32, shift: u32) -> Picture {
 
 fn expand(network: &Network, picture: &Picture) -> Picture {
     let expanded = network.expand(picture, None, &|_| ()).unwrap();
-    assert_eq!((expanded.width, expanded.height, expanded.rgb.len()), (picture.width, picture.height, picture.rgb.len()));
+    assert_eq!(
+        (expanded.width, expanded.height, expanded.rgb.len()),
+        (picture.width, picture.height, picture.rgb.len())
+    );
     assert!(expanded.rgb.iter().all(|rgb| rgb.is_finite() && rgb.min_element() >= 0.0));
     expanded
 }
@@ -80,7 +83,8 @@ fn results_do_not_depend_on_threads() {
         pool.install(|| expand(&network, &picture))
     };
     let (one, two) = (run(1), run(2));
-    let bits = |picture: &Picture| picture.rgb.iter().flat_map(|rgb| rgb.to_array().map(f32::to_bits)).collect::<Vec<_>>();
+    let bits =
+        |picture: &Picture| picture.rgb.iter().flat_map(|rgb| rgb.to_array().map(f32::to_bits)).collect::<Vec<_>>();
     assert!(bits(&one) == bits(&two));
 }
 
@@ -179,7 +183,10 @@ fn networks_that_do_not_fit_are_refused() {
         let line = refusal(&path);
         let said = line.strip_prefix(&format!("{}: ", path.display())).unwrap();
         // A problem that ends in a space is followed by the runtime's own words.
-        assert!(said == problem || (problem.ends_with(' ') && said.starts_with(problem)), "{said:?} is not {problem:?}");
+        assert!(
+            said == problem || (problem.ends_with(' ') && said.starts_with(problem)),
+            "{said:?} is not {problem:?}"
+        );
     }
     assert!(refusal(&place.path().join("missing.onnx")).contains("missing.onnx: "));
     assert!(refusal(place.path()).starts_with(&format!("{}: ", place.path().display())));

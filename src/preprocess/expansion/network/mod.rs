@@ -131,8 +131,7 @@ impl Network {
             }
         }
         let fail = |problem: String| Error::file(&self.name, format!("cannot run: {problem}"));
-        let tensor =
-            Tensor::from_shape(&[1, 3, rows, columns], &input).map_err(|error| fail(model::chain(&error)))?;
+        let tensor = Tensor::from_shape(&[1, 3, rows, columns], &input).map_err(|error| fail(model::chain(&error)))?;
         let outputs = self.plan.run(tvec!(tensor.into())).map_err(|error| fail(model::chain(&error)))?;
         // The shape was checked when the network was read, unless it depends on the values.
         let output = outputs.first().filter(|output| output.shape() == [1, 3, rows, columns]);

@@ -35,13 +35,16 @@ pub(super) fn chain(error: &tract_onnx::prelude::TractError) -> String {
 
 fn plan(bytes: &[u8]) -> Result<(Arc<TypedRunnableModel>, [usize; 2]), String> {
     let onnx = tract_onnx::onnx();
-    let proto = onnx.proto_model_for_read(&mut &*bytes).map_err(|error| format!("not an ONNX file: {}", chain(&error)))?;
+    let proto =
+        onnx.proto_model_for_read(&mut &*bytes).map_err(|error| format!("not an ONNX file: {}", chain(&error)))?;
     let [height, width] = picture_size(&proto)?;
     let unusable = |error| format!("the ONNX runtime cannot use it: {}", chain(&error));
     let fact = InferenceFact::dt_shape(DatumType::F32, [1, 3, height, width]);
     let model = onnx
         .model_for_proto_model(&proto)
-        .and_then(|model| model.with_input_fact(0, fact)?.with_output_fact(0, InferenceFact::default())?.into_optimized())
+        .and_then(|model| {
+            model.with_input_fact(0, fact)?.with_output_fact(0, InferenceFact::default())?.into_optimized()
+        })
         .map_err(unusable)?;
     let output = model.output_fact(0).map_err(unusable)?;
     let shape: Vec<String> = output.shape.iter().map(|d| d.to_string()).collect();
@@ -73,7 +76,8 @@ fn picture_size(proto: &ModelProto) -> Result<[usize; 2], String> {
         let found = DataType::try_from(tensor.elem_type).map_or("of an unknown type", |kind| kind.as_str_name());
         return Err(format!("its input {:?} is {found}; expected FLOAT", input.name));
     }
-    let shape = tensor.shape.as_ref().ok_or_else(|| format!("its input {:?} has no shape; expected {EXPECTED}", input.name))?;
+    let shape =
+        tensor.shape.as_ref().ok_or_else(|| format!("its input {:?} has no shape; expected {EXPECTED}", input.name))?;
     let wrong = || format!("its input {:?} is {}; expected {EXPECTED}", input.name, written(shape));
     let [batch, channels, height, width] = &*fixed(shape) else { return Err(wrong()) };
     if batch.is_some_and(|n| n != 1) || channels.is_some_and(|n| n != 3) {
