@@ -36,8 +36,8 @@ pub struct Network {
 const WELL_EXPOSED: std::ops::Range<f32> = 0.05..0.7;
 /// A channel from here on may be clipped, so that no result may be darker.
 const CLIPPED: f32 = 0.9;
-/// Pixels of tiles that wait to be blended, at most: 192 MiB.
-const WAITING: usize = 1 << 24;
+/// Pixels of the tiles that wait to be blended, at most, unless a single tile has more: 64 MiB.
+const WAITING: usize = 1 << 22;
 
 /// A tile's result: `None` where the network gave no finite colour.
 type Colors = Vec<Option<Vec3>>;
@@ -72,10 +72,10 @@ impl Network {
     /// gives; where that is no finite number, the input's colour stays.
     ///
     /// Networks differ in the scale of their output, so it is multiplied by a factor which makes the median ratio of
-    /// output to input 1 over the well-exposed pixels (luminance 0.05 to 0.7); without any such pixel it stays as it is.
+    /// output to input 1 over the well-exposed pixels (luminance 0.05 to 0.7) that it saw; without any such pixel it stays as it is.
     ///
-    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are, which saves their time. The
-    /// result does not depend on the number of threads. `progress` gets the share of the tiles that are done.
+    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are, which saves their time: the
+    /// over-exposed pixels are often all that is needed. The result does not depend on the number of threads. `progress` gets the share of the tiles that are done.
     ///
     /// # Errors
     /// [`Error::Argument`] when `wanted` has another length than the picture; [`Error::File`] when the network fails.
@@ -95,7 +95,7 @@ impl Network {
         let mut sums = vec![(Vec3::ZERO, 0.0f32); picture.rgb.len()];
         let done = AtomicUsize::new(0);
         // Tiles are computed in parallel and blended in their order, so that sums do not depend on who finishes first.
-        for some in needed.chunks((WAITING / tiles.pixels()).clamp(1, 64)) {
+        for some in needed.chunks((WAITING / tiles.pixels()).max(1)) {
             let results = some.par_iter().map(|&origin| {
                 let colors = self.run(picture, origin)?;
                 progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / needed.len() as f32);
