@@ -72,10 +72,11 @@ impl Network {
     /// gives; where that is no finite number, the input's colour stays.
     ///
     /// Networks differ in the scale of their output, so it is multiplied by a factor which makes the median ratio of
-    /// output to input 1 over the well-exposed pixels (luminance 0.05 to 0.7) that it saw; without any such pixel it stays as it is.
+    /// output to input 1 over the well-exposed pixels that it saw (luminance 0.05 to 0.7); without any it stays as it is.
     ///
-    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are, which saves their time: the
-    /// over-exposed pixels are often all that is needed. The result does not depend on the number of threads. `progress` gets the share of the tiles that are done.
+    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are. That saves their time where
+    /// only over-exposed pixels matter. The result does not depend on the number of threads. `progress` gets the share
+    /// of the tiles that are done.
     ///
     /// # Errors
     /// [`Error::Argument`] when `wanted` has another length than the picture; [`Error::File`] when the network fails.
