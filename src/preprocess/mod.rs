@@ -4,4 +4,5 @@ pub mod expansion;
 pub mod hierarchy;
 pub mod neighbours;
 pub mod normals;
+pub mod panorama_room;
 pub mod spacing;
