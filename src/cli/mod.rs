@@ -1,5 +1,6 @@
 //! The command line: one file a verb.
 
+mod bake;
 mod bench;
 mod build;
 mod compare;
@@ -28,6 +29,8 @@ struct Cli {
 enum Verb {
     /// Build a room and an object in code, light the object with every technique, and show the pictures
     Demo(demo::Args),
+    /// Make a cloud of a room from a panorama
+    Bake(bake::Args),
     /// Build the hierarchy of a cloud and save it
     Build(build::Args),
     /// Light an object inside a cloud
@@ -57,6 +60,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
     };
     match cli.verb {
         Verb::Demo(args) => demo::run(&args),
+        Verb::Bake(args) => bake::run(&args),
         Verb::Build(args) => build::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Compare(args) => compare::run(&args),

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::frames::{MaterialChoice, Paper};
+use crate::preprocess::panorama_room::PanoramaRoom;
 use crate::{Error, Result};
 
 /// Places beyond this many metres are refused, as in clouds: their squares must fit f32.
@@ -37,6 +38,22 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
         return Err(format!("{text:?} is more than {MOST_PIXELS} pixels, as many as 8192x8192 has"));
     }
     Ok((width, height))
+}
+
+/// `WxHxD`, metres, each in [`PanoramaRoom::SIDES`].
+pub(super) fn box_size(text: &str) -> Result<Vec3, String> {
+    let (low, high) = (PanoramaRoom::SIDES.start(), PanoramaRoom::SIDES.end());
+    let wrong = || format!("{text:?} is not a box, WxHxD with three numbers of metres from {low} to {high}");
+    let side = |part: &str| part.parse().ok().filter(|side| PanoramaRoom::SIDES.contains(side));
+    let sides: Vec<f32> = text.split(['x', 'X']).map(side).collect::<Option<_>>().ok_or_else(wrong)?;
+    <[f32; 3]>::try_from(sides).map(Vec3::from).map_err(|_| wrong())
+}
+
+/// A number of points in [`PanoramaRoom::POINTS`].
+pub(super) fn room_points(text: &str) -> Result<usize, String> {
+    let (low, high) = (PanoramaRoom::POINTS.start(), PanoramaRoom::POINTS.end());
+    let number = text.parse().ok().filter(|points| PanoramaRoom::POINTS.contains(points));
+    number.ok_or(format!("{text:?} is not a number of points, from {low} to {high}"))
 }
 
 /// A number above 0.

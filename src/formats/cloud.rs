@@ -4,6 +4,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
+use super::source::{Scan, Source};
 use super::{extension, las, pcd, ply};
 use crate::preprocess::neighbours;
 use crate::scene::Cloud;
@@ -39,12 +40,31 @@ pub struct CloudOptions {
 /// [`Error::File`] where the extension is another, the file cannot be read or understood, or it holds no valid point
 /// or no colours. [`Error::Limit`] for more than 2^32 - 1 points.
 pub fn load(path: &Path, options: &CloudOptions) -> Result<Cloud> {
-    let mut cloud = match extension(path).as_str() {
-        "ply" => ply::read_cloud(path)?,
-        "pcd" => pcd::read(path)?,
-        "las" | "laz" => las::read(path)?,
-        _ => return Err(Error::file(path, "is not a known kind of point cloud: expected .ply, .pcd, .las or .laz")),
-    };
+    let cloud = read_scan(path, las::Wanted::Points)?.into_cloud(path)?;
+    finish(cloud, options)
+}
+
+/// [`load`], and what the file holds beyond the cloud: with it [`super::expanded::write`] writes the cloud again,
+/// every property as it was.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_with_source(path: &Path, options: &CloudOptions) -> Result<(Cloud, Source)> {
+    let (cloud, source) = read_scan(path, las::Wanted::Everything)?.into_cloud_and_source(path)?;
+    Ok((finish(cloud, options)?, source))
+}
+
+fn read_scan(path: &Path, of_las: las::Wanted) -> Result<Scan> {
+    match extension(path).as_str() {
+        "ply" => ply::read_scan(path),
+        "pcd" => pcd::read_scan(path),
+        "las" | "laz" => las::read_scan(path, of_las),
+        _ => Err(Error::file(path, "is not a known kind of point cloud: expected .ply, .pcd, .las or .laz")),
+    }
+}
+
+/// Turns +Y up and estimates what is lacking.
+fn finish(mut cloud: Cloud, options: &CloudOptions) -> Result<Cloud> {
     match options.up {
         Up::Y => {}
         Up::Z => turn(&mut cloud, |v| DVec3::new(v.x, v.z, -v.y)),

@@ -4,12 +4,14 @@
 pub mod bsh;
 pub mod cloud;
 pub mod color;
+pub mod expanded;
 pub mod image;
 pub mod las;
 pub mod object;
 pub mod pcd;
 pub mod ply;
 mod points;
+pub mod source;
 mod table;
 pub mod whole;
 

@@ -1,13 +1,14 @@
 //! PCD (Point Cloud Library): depth cameras. pcd-rs reads the header; the body is read here, because its reader trusts
 //! the header's numbers.
 
-use std::borrow::Cow;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 use pcd_rs::{DataKind, PcdMeta, ValueKind, ViewPoint};
 
 use super::points::Points;
+use super::source::Scan;
 use super::table::{Field, Kind, Table};
 use super::{excerpt, read_bytes};
 use crate::scene::Cloud;
@@ -21,12 +22,20 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::File`] where the file is no PCD, is damaged or cut short, or holds no valid point or no colours.
 pub fn read(path: &Path) -> Result<Cloud> {
-    let bytes = read_bytes(path)?;
+    read_scan(path)?.into_cloud(path)
+}
+
+/// The points and all columns.
+pub(super) fn read_scan(path: &Path) -> Result<Scan> {
+    let bytes = Arc::new(read_bytes(path)?);
     let mut body = bytes.as_slice();
     let meta =
         PcdMeta::from_reader(&mut body).map_err(|e| Error::file(path, format!("is not a readable PCD file: {e}")))?;
     let table = match meta.data {
-        DataKind::Binary => Layout::rows(path, &meta)?.table(path, Cow::Borrowed(body))?,
+        DataKind::Binary => {
+            let start = bytes.len() - body.len();
+            Layout::rows(path, &meta)?.table(path, Arc::clone(&bytes), start)?
+        }
         DataKind::BinaryCompressed => read_compressed(path, &meta, body)?,
         DataKind::Ascii => read_ascii(path, &meta, body)?,
     };
@@ -36,7 +45,7 @@ pub fn read(path: &Path) -> Result<Cloud> {
     if organised || meta.viewpoint != ViewPoint::default() {
         points.viewpoint = Some(DVec3::new(meta.viewpoint.tx, meta.viewpoint.ty, meta.viewpoint.tz));
     }
-    points.into_cloud(path)
+    Ok(Scan { points, table, comments: Vec::new(), left_out: Vec::new() })
 }
 
 /// Where the fields lie in the body.
@@ -56,8 +65,9 @@ impl Layout {
         let mut offset = 0usize;
         for field in &meta.field_defs {
             let kind = kind_of(field.kind);
-            let bytes = usize::try_from(field.count).ok().and_then(|n| n.checked_mul(kind.size()));
-            fields.push(Field { name: field.name.clone(), kind, offset, stride: 0 });
+            let count = usize::try_from(field.count).map_err(|_| overflow())?;
+            fields.push(Field { name: field.name.clone(), kind, count, offset, stride: 0 });
+            let bytes = count.checked_mul(kind.size());
             offset = bytes.and_then(|b| b.checked_add(offset)).ok_or_else(overflow)?;
         }
         fields.iter_mut().for_each(|field| field.stride = offset);
@@ -68,17 +78,18 @@ impl Layout {
     /// Field by field, as in a compressed body.
     fn columns(path: &Path, meta: &PcdMeta) -> Result<Self> {
         let mut layout = Self::rows(path, meta)?;
-        for (field, meta) in layout.fields.iter_mut().zip(&meta.field_defs) {
+        for field in &mut layout.fields {
             // No overflow: the sum over all fields was `size`.
             field.offset *= layout.rows;
-            field.stride = meta.count as usize * field.kind.size();
+            field.stride = field.count * field.kind.size();
         }
         Ok(layout)
     }
 
-    fn table<'a>(self, path: &Path, body: Cow<'a, [u8]>) -> Result<Table<'a>> {
-        let Self { fields, rows, size } = self;
-        let held = body.len();
+    /// The columns in the body, which begins at byte `start`.
+    fn table(self, path: &Path, bytes: Arc<Vec<u8>>, start: usize) -> Result<Table> {
+        let Self { mut fields, rows, size } = self;
+        let held = bytes.len() - start;
         let too_short = || {
             Error::file(
                 path,
@@ -88,7 +99,8 @@ impl Layout {
         if held < size {
             return Err(too_short());
         }
-        Table::new(rows, fields, body, false).ok_or_else(too_short)
+        fields.iter_mut().for_each(|field| field.offset += start);
+        Table::new(rows, fields, bytes, false).ok_or_else(too_short)
     }
 }
 
@@ -108,7 +120,7 @@ fn kind_of(kind: ValueKind) -> Kind {
 }
 
 /// A compressed body: both sizes as u32, then LZF.
-fn read_compressed<'a>(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table<'a>> {
+fn read_compressed(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table> {
     let layout = Layout::columns(path, meta)?;
     let word = |at: usize| body.get(at..at + 4).and_then(|b| b.try_into().ok()).map(|b| u32::from_le_bytes(b) as usize);
     let (Some(packed), Some(unpacked)) = (word(0), word(4)) else {
@@ -124,7 +136,7 @@ fn read_compressed<'a>(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table
         return Err(Error::file(path, problem));
     }
     let columns = lzf_decompress(data, unpacked).ok_or_else(|| Error::file(path, "has damaged compressed data"))?;
-    layout.table(path, Cow::Owned(columns))
+    layout.table(path, Arc::new(columns), 0)
 }
 
 /// LZF (Marc Lehmann): runs of literals, and copies of what was written before. `None` where the input is damaged or
@@ -163,7 +175,7 @@ fn lzf_decompress(mut input: &[u8], size: usize) -> Option<Vec<u8>> {
 }
 
 /// One point a line. Numbers go into the same bytes as in a binary file.
-fn read_ascii<'a>(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table<'a>> {
+fn read_ascii(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table> {
     let layout = Layout::rows(path, meta)?;
     let text = String::from_utf8_lossy(body);
     let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
@@ -184,5 +196,5 @@ fn read_ascii<'a>(path: &Path, meta: &PcdMeta, body: &[u8]) -> Result<Table<'a>>
             }
         }
     }
-    layout.table(path, Cow::Owned(bytes))
+    layout.table(path, Arc::new(bytes), 0)
 }

@@ -2,11 +2,14 @@
 //! own: the crates at hand refuse `nan` in ASCII files, merge properties of the same name and look every value up by
 //! its name.
 
-use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
 
 use super::points::Points;
+use super::source::Scan;
 use super::table::{Field, Kind, Table, bits};
 use super::{excerpt, read_bytes, whole};
 use crate::scene::Cloud;
@@ -14,15 +17,30 @@ use crate::{Error, Result};
 
 /// Reads the `vertex` element as a cloud: x, y, z of any type; colours red, green, blue (or r, g, b; diffuse_*) as
 /// sRGB where they are integers and as linear radiance where they are floating point; normals nx, ny, nz where there
-/// are any (zero where unusable). Other properties and elements are passed over. Neither turned nor completed: see
-/// [`super::cloud::load`].
+/// are any (zero where unusable); the scanner's place where there is a line `comment viewpoint X Y Z`. Other properties
+/// and elements are passed over. Neither turned nor completed: see [`super::cloud::load`].
 ///
 /// # Errors
 /// [`Error::File`] where the file is no PLY, ends early, or holds no valid point or no colours.
 pub fn read_cloud(path: &Path) -> Result<Cloud> {
-    let bytes = read_bytes(path)?;
-    let [vertices] = read_elements(path, &bytes, [("vertex", "")])?;
-    Points::from_table(path, &vertices.table)?.into_cloud(path)
+    read_scan(path)?.into_cloud(path)
+}
+
+/// The points and all scalar properties of `vertex`.
+pub(super) fn read_scan(path: &Path) -> Result<Scan> {
+    let (header, [Rows { table, .. }]) = read(path, [("vertex", "")])?;
+    let mut points = Points::from_table(path, &table)?;
+    points.viewpoint = header.viewpoint;
+    let mut left_out = Vec::new();
+    for element in &header.elements {
+        if element.name == "vertex" {
+            let lists = element.properties.iter().filter(|p| p.length.is_some());
+            left_out.extend(lists.map(|p| format!("list property '{}'", p.name)));
+        } else if element.count > 0 {
+            left_out.push(format!("element '{}'", element.name));
+        }
+    }
+    Ok(Scan { points, table, comments: header.comments, left_out })
 }
 
 /// Writes a cloud as binary little-endian PLY: float x y z, nx ny nz (where there are normals) and red green blue
@@ -56,8 +74,8 @@ pub fn write_cloud(path: &Path, cloud: &Cloud) -> Result<()> {
 }
 
 /// One element's scalar properties and one of its lists.
-pub(super) struct Rows<'a> {
-    pub(super) table: Table<'a>,
+pub(super) struct Rows {
+    pub(super) table: Table,
     /// Number of rows.
     pub(super) rows: usize,
     /// Row r's list is `list[ends[r - 1]..ends[r]]`; both are empty where the element has no such property. What is
@@ -71,17 +89,18 @@ pub(super) struct Rows<'a> {
 ///
 /// # Errors
 /// [`Error::File`] where the file is no PLY, an element is missing, or the file holds less than its header promises.
-pub(super) fn read_elements<'a, const N: usize>(
-    path: &Path,
-    bytes: &'a [u8],
-    wanted: [(&str, &str); N],
-) -> Result<[Rows<'a>; N]> {
-    let (header, mut body) = parse_header(path, bytes)?;
+pub(super) fn read_elements<const N: usize>(path: &Path, wanted: [(&str, &str); N]) -> Result<[Rows; N]> {
+    Ok(read(path, wanted)?.1)
+}
+
+fn read<const N: usize>(path: &Path, wanted: [(&str, &str); N]) -> Result<(Header, [Rows; N])> {
+    let file = Arc::new(read_bytes(path)?);
+    let (header, mut body) = parse_header(path, &file)?;
     let mut found: [Option<Rows>; N] = [const { None }; N];
     for element in &header.elements {
         let slot = wanted.iter().position(|(name, _)| *name == element.name);
         let list_name = slot.map_or("", |slot| wanted[slot].1);
-        let rows = element.read(path, &mut body, header.encoding, list_name)?;
+        let rows = element.read(path, &file, &mut body, (header.encoding, list_name))?;
         if let Some(slot) = slot {
             found[slot] = Some(rows);
         }
@@ -95,7 +114,8 @@ pub(super) fn read_elements<'a, const N: usize>(
         let missing = || Error::file(path, format!("has no element '{name}' (it has: {})", names.join(", ")));
         complete.push(rows.ok_or_else(missing)?);
     }
-    complete.try_into().map_err(|_| Error::file(path, "has elements missing"))
+    let complete = complete.try_into().map_err(|_| Error::file(path, "has elements missing"))?;
+    Ok((header, complete))
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -107,6 +127,9 @@ enum Encoding {
 struct Header {
     encoding: Encoding,
     elements: Vec<Element>,
+    /// `comment` and `obj_info` lines as they stand, but for the viewpoint.
+    comments: Vec<Vec<u8>>,
+    viewpoint: Option<DVec3>,
 }
 
 struct Element {
@@ -127,20 +150,24 @@ fn parse_header<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Header, &'a [u8])> 
     let mut rest = bytes;
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
+    let (mut comments, mut viewpoint) = (Vec::new(), None);
     for number in 1.. {
         let Some(end) = rest.iter().position(|&b| b == b'\n') else {
             let what =
                 if number == 1 { "is not a PLY file: it does not start with 'ply'" } else { "has no 'end_header'" };
             return Err(Error::file(path, what));
         };
-        let line = String::from_utf8_lossy(&rest[..end]);
+        let raw = &rest[..end];
+        let line = String::from_utf8_lossy(raw);
         rest = &rest[end + 1..];
         let words: Vec<&str> = line.split_whitespace().collect();
         let bad = || Error::file(path, format!("header line {number} is not understood: '{}'", excerpt(&line)));
         match words[..] {
             ["ply"] if number == 1 => {}
             _ if number == 1 => return Err(Error::file(path, "is not a PLY file: it does not start with 'ply'")),
-            [] | ["comment", ..] | ["obj_info", ..] => {}
+            [] => {}
+            ["comment", "viewpoint", x, y, z] if place([x, y, z]).is_some() => viewpoint = place([x, y, z]),
+            ["comment", ..] | ["obj_info", ..] => comments.push(raw.trim_ascii_end().to_vec()),
             ["format", name, _] => encoding = Some(encoding_of(name).ok_or_else(bad)?),
             ["element", name, count] => {
                 let count = count.parse().map_err(|_| bad())?;
@@ -161,7 +188,13 @@ fn parse_header<'a>(path: &Path, bytes: &'a [u8]) -> Result<(Header, &'a [u8])> 
         }
     }
     let encoding = encoding.ok_or_else(|| Error::file(path, "has no 'format' line in its header"))?;
-    Ok((Header { encoding, elements }, rest))
+    Ok((Header { encoding, elements, comments, viewpoint }, rest))
+}
+
+/// A place of three finite numbers.
+fn place(words: [&str; 3]) -> Option<DVec3> {
+    let [Ok(x), Ok(y), Ok(z)] = words.map(str::parse) else { return None };
+    Some(DVec3::new(x, y, z)).filter(|p| p.is_finite())
 }
 
 fn encoding_of(name: &str) -> Option<Encoding> {
@@ -173,6 +206,7 @@ fn encoding_of(name: &str) -> Option<Encoding> {
     }
 }
 
+/// A number's type by its name in a header.
 fn kind_of(name: &str) -> Option<Kind> {
     Some(match name {
         "char" | "int8" => Kind::I8,
@@ -188,8 +222,14 @@ fn kind_of(name: &str) -> Option<Kind> {
 }
 
 impl Element {
-    /// Takes this element off the front of `body`.
-    fn read<'a>(&self, path: &Path, body: &mut &'a [u8], encoding: Encoding, list_name: &str) -> Result<Rows<'a>> {
+    /// Takes this element off the front of `body`, the rest of `file`.
+    fn read(
+        &self,
+        path: &Path,
+        file: &Arc<Vec<u8>>,
+        body: &mut &[u8],
+        (encoding, list_name): (Encoding, &str),
+    ) -> Result<Rows> {
         // Before anything is reserved: can the file back what its header promises?
         let smallest_row: usize = match encoding {
             // A digit and a separator.
@@ -200,7 +240,7 @@ impl Element {
         let held = body.len() + usize::from(encoding == Encoding::Ascii);
         let Some(most) = held.checked_div(smallest_row) else {
             // Without properties there is nothing to read, however many rows are promised.
-            return self.finish(path, 0, Cow::Borrowed(&[]), false, (Vec::new(), Vec::new()));
+            return self.finish(path, 0, Scalars::own(Vec::new(), false), (Vec::new(), Vec::new()));
         };
         if self.count > most {
             return Err(self.too_short(path, most));
@@ -208,9 +248,10 @@ impl Element {
         let fixed = self.properties.iter().all(|p| p.length.is_none());
         match encoding {
             Encoding::Binary { big_endian } if fixed => {
-                let (rows, rest) = body.split_at(self.count * smallest_row);
-                *body = rest;
-                self.finish(path, self.count, Cow::Borrowed(rows), big_endian, (Vec::new(), Vec::new()))
+                let start = file.len() - body.len();
+                *body = &body[self.count * smallest_row..];
+                let scalars = Scalars { bytes: Arc::clone(file), start, big_endian };
+                self.finish(path, self.count, scalars, (Vec::new(), Vec::new()))
             }
             Encoding::Binary { big_endian } => self.read_binary(path, body, big_endian, list_name),
             Encoding::Ascii => self.read_ascii(path, body, list_name),
@@ -218,7 +259,7 @@ impl Element {
     }
 
     /// Rows with lists have no fixed size: walk them, keeping the scalars side by side.
-    fn read_binary<'a>(&self, path: &Path, body: &mut &[u8], big_endian: bool, wanted: &str) -> Result<Rows<'a>> {
+    fn read_binary(&self, path: &Path, body: &mut &[u8], big_endian: bool, wanted: &str) -> Result<Rows> {
         let (mut scalars, mut list, mut ends) = (Vec::new(), Vec::new(), Vec::new());
         for row in 0..self.count {
             let mut take = |count: usize| match body.split_at_checked(count) {
@@ -243,11 +284,11 @@ impl Element {
                 }
             }
         }
-        self.finish(path, self.count, Cow::Owned(scalars), big_endian, (list, ends))
+        self.finish(path, self.count, Scalars::own(scalars, big_endian), (list, ends))
     }
 
     /// One row a line. Numbers go into the same little-endian bytes as in a binary file.
-    fn read_ascii<'a>(&self, path: &Path, body: &mut &[u8], wanted: &str) -> Result<Rows<'a>> {
+    fn read_ascii(&self, path: &Path, body: &mut &[u8], wanted: &str) -> Result<Rows> {
         let (mut scalars, mut list, mut ends) = (Vec::new(), Vec::new(), Vec::new());
         let mut row = 0;
         while row < self.count {
@@ -284,33 +325,41 @@ impl Element {
             }
             row += 1;
         }
-        self.finish(path, self.count, Cow::Owned(scalars), false, (list, ends))
+        self.finish(path, self.count, Scalars::own(scalars, false), (list, ends))
     }
 
-    fn finish<'a>(
-        &self,
-        path: &Path,
-        rows: usize,
-        scalars: Cow<'a, [u8]>,
-        big_endian: bool,
-        (list, ends): (Vec<u32>, Vec<usize>),
-    ) -> Result<Rows<'a>> {
+    fn finish(&self, path: &Path, rows: usize, scalars: Scalars, (list, ends): (Vec<u32>, Vec<usize>)) -> Result<Rows> {
+        let Scalars { bytes, start, big_endian } = scalars;
         let stored = || self.properties.iter().filter(|p| p.length.is_none());
         let stride = stored().map(|p| p.kind.size()).sum();
-        let mut offset = 0;
+        let mut offset = start;
         let fields = stored()
             .map(|p| {
                 offset += p.kind.size();
-                Field { name: p.name.clone(), kind: p.kind, offset: offset - p.kind.size(), stride }
+                Field { name: p.name.clone(), kind: p.kind, count: 1, offset: offset - p.kind.size(), stride }
             })
             .collect();
-        let table = Table::new(rows, fields, scalars, big_endian).ok_or_else(|| self.too_short(path, 0))?;
+        let table = Table::new(rows, fields, bytes, big_endian).ok_or_else(|| self.too_short(path, 0))?;
         Ok(Rows { table, rows, list, ends })
     }
 
     fn too_short(&self, path: &Path, held: usize) -> Error {
         let Self { name, count, .. } = self;
         Error::file(path, format!("is cut short: its header promises {count} of element '{name}', it holds {held}"))
+    }
+}
+
+/// Where the numbers of an element lie, row by row.
+struct Scalars {
+    bytes: Arc<Vec<u8>>,
+    /// Where row 0 begins.
+    start: usize,
+    big_endian: bool,
+}
+
+impl Scalars {
+    fn own(bytes: Vec<u8>, big_endian: bool) -> Self {
+        Self { bytes: Arc::new(bytes), start: 0, big_endian }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::{Error, Result};
 const FARTHEST: f64 = 1e12;
 
 /// Radiance beyond this is no measurement either (the hierarchy's sums would leave f32).
-const BRIGHTEST: f32 = 1e15;
+pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// The points of a file, coordinates still in f64.
 pub(super) struct Points {
@@ -42,8 +42,8 @@ impl Points {
     }
 
     /// Drops invalid points, clamps negative colours, unitises normals (unusable ones become zero) and moves the
-    /// origin where f32 would lose detail.
-    pub(super) fn into_cloud(self, path: &Path) -> Result<Cloud> {
+    /// origin where f32 would lose detail: (cloud, the rows that its points have in the file).
+    pub(super) fn into_cloud(self, path: &Path) -> Result<(Cloud, Vec<usize>)> {
         let total = self.positions.len();
         if total == 0 {
             return Err(Error::file(path, "holds no points"));
@@ -85,7 +85,7 @@ impl Points {
                 cloud.normals.clear();
             }
         }
-        Ok(cloud)
+        Ok((cloud, kept))
     }
 }
 

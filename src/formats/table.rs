@@ -2,7 +2,7 @@
 //! row or column by column, in either byte order. ASCII files are brought into the same form first, so that what the
 //! columns mean is decided in one place.
 
-use std::borrow::Cow;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -84,30 +84,57 @@ pub(super) fn bits(bytes: &[u8], big_endian: bool) -> u64 {
 pub(super) struct Field {
     pub(super) name: String,
     pub(super) kind: Kind,
+    /// Numbers in a row, side by side; the first is what the cloud takes.
+    pub(super) count: usize,
     /// Byte offset of row 0.
     pub(super) offset: usize,
     /// Bytes from one row to the next.
     pub(super) stride: usize,
 }
 
+/// Which fields hold the colours, by their index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ColorFields {
+    /// 0xAARRGGBB in four bytes, whatever type the field claims to be.
+    Packed(usize),
+    /// Red, green and blue.
+    Channels([usize; 3]),
+}
+
 /// Columns of equal length.
-pub(super) struct Table<'a> {
+pub(super) struct Table {
     rows: usize,
     fields: Vec<Field>,
-    bytes: Cow<'a, [u8]>,
+    /// The whole file where its numbers can be used as they lie in it.
+    bytes: Arc<Vec<u8>>,
     big_endian: bool,
 }
 
-impl<'a> Table<'a> {
+impl Table {
     /// `None` where a field reaches beyond `bytes`.
-    pub(super) fn new(rows: usize, fields: Vec<Field>, bytes: Cow<'a, [u8]>, big_endian: bool) -> Option<Self> {
+    pub(super) fn new(rows: usize, fields: Vec<Field>, bytes: Arc<Vec<u8>>, big_endian: bool) -> Option<Self> {
         for field in &fields {
             if rows > 0 {
                 let last = (rows - 1).checked_mul(field.stride)?.checked_add(field.offset)?;
-                bytes.get(last..last.checked_add(field.kind.size())?)?;
+                bytes.get(last..last.checked_add(field.count.checked_mul(field.kind.size())?)?)?;
             }
         }
         Some(Self { rows, fields, bytes, big_endian })
+    }
+
+    /// All columns, in the file's order.
+    pub(super) fn fields(&self) -> &[Field] {
+        &self.fields
+    }
+
+    /// Little-endian bits of number `n` of a field in a row, zero-extended.
+    pub(super) fn bits(&self, field: &Field, row: usize, n: usize) -> u64 {
+        let at = field.offset + row * field.stride + n * field.kind.size();
+        bits(&self.bytes[at..at + field.kind.size()], self.big_endian)
+    }
+
+    fn find(&self, name: &str) -> Option<usize> {
+        self.fields.iter().position(|f| f.name.eq_ignore_ascii_case(name))
     }
 
     /// Names of all columns, for messages.
@@ -118,7 +145,11 @@ impl<'a> Table<'a> {
 
     /// The column of that name, whatever its case.
     pub(super) fn column(&self, name: &str) -> Option<Column<'_>> {
-        self.fields.iter().find(|f| f.name.eq_ignore_ascii_case(name)).map(|field| Column { table: self, field })
+        self.find(name).map(|index| self.at(index))
+    }
+
+    fn at(&self, index: usize) -> Column<'_> {
+        Column { table: self, field: &self.fields[index] }
     }
 
     /// Three columns, where all of them exist.
@@ -139,33 +170,35 @@ impl<'a> Table<'a> {
         Some(self.map(|row| DVec3::from(columns.map(|c| c.value(row))).as_vec3()))
     }
 
-    /// Linear colours of all rows, from three columns by any of their usual names or from a packed one (`rgb`, `rgba`
-    /// as PCL writes it). Floating point is linear radiance; integers are sRGB, of 8 bits or as wide as the column.
+    /// Where the colours are: a packed column (`rgb`, `rgba` as PCL writes it), or three by any of their usual names.
+    pub(super) fn color_fields(&self) -> Option<ColorFields> {
+        if let Some(packed) = self.find("rgb").or_else(|| self.find("rgba")) {
+            return (self.fields[packed].kind.size() == 4).then_some(ColorFields::Packed(packed));
+        }
+        [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]]
+            .iter()
+            .find_map(|[r, g, b]| Some(ColorFields::Channels([self.find(r)?, self.find(g)?, self.find(b)?])))
+    }
+
+    /// Linear colours of all rows. Floating point is linear radiance; integers are sRGB, of 8 bits or as wide as the
+    /// column.
     pub(super) fn colors(&self) -> Option<Vec<Vec3>> {
         let table: Vec<f32> = (0..256).map(|code| decode_srgb(code as f32 / 255.0)).collect();
         let code = |value: f64| table[value.clamp(0.0, 255.0) as usize];
-        if let Some(packed) = self.column("rgb").or_else(|| self.column("rgba")) {
-            if packed.field.kind.size() != 4 {
-                return None;
-            }
-            // 0xAARRGGBB, whatever type the column claims to be.
-            return Some(self.map(|row| {
-                let word = packed.bits(row) as u32;
+        Some(match self.color_fields()? {
+            ColorFields::Packed(index) => self.map(|row| {
+                let word = self.bits(&self.fields[index], row, 0) as u32;
                 let [_, r, g, b] = word.to_be_bytes();
                 Vec3::new(code(f64::from(r)), code(f64::from(g)), code(f64::from(b)))
-            }));
-        }
-        let columns = self
-            .columns(["red", "green", "blue"])
-            .or_else(|| self.columns(["r", "g", "b"]))
-            .or_else(|| self.columns(["diffuse_red", "diffuse_green", "diffuse_blue"]))?;
-        Some(self.map(|row| {
-            Vec3::from(columns.map(|column| match column.field.kind {
-                Kind::F32 | Kind::F64 => column.value(row) as f32,
-                Kind::U16 => decode_srgb(column.value(row) as f32 / 65535.0),
-                _ => code(column.value(row)),
-            }))
-        }))
+            }),
+            ColorFields::Channels(indices) => self.map(|row| {
+                Vec3::from(indices.map(|index| self.at(index)).map(|column| match column.field.kind {
+                    Kind::F32 | Kind::F64 => column.value(row) as f32,
+                    Kind::U16 => decode_srgb(column.value(row) as f32 / 65535.0),
+                    _ => code(column.value(row)),
+                }))
+            }),
+        })
     }
 
     fn map<T: Send>(&self, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
@@ -176,17 +209,12 @@ impl<'a> Table<'a> {
 /// One column.
 #[derive(Clone, Copy)]
 pub(super) struct Column<'a> {
-    table: &'a Table<'a>,
+    table: &'a Table,
     field: &'a Field,
 }
 
 impl Column<'_> {
-    fn bits(&self, row: usize) -> u64 {
-        let at = self.field.offset + row * self.field.stride;
-        bits(&self.table.bytes[at..at + self.field.kind.size()], self.table.big_endian)
-    }
-
     fn value(&self, row: usize) -> f64 {
-        self.field.kind.value(self.bits(row))
+        self.field.kind.value(self.table.bits(self.field, row, 0))
     }
 }

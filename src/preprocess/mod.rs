@@ -5,4 +5,5 @@ pub mod expansion;
 pub mod hierarchy;
 pub mod neighbours;
 pub mod normals;
+pub mod panorama_room;
 pub mod spacing;

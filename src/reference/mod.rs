@@ -10,5 +10,5 @@ mod emitters;
 pub mod gather;
 pub mod path_tracer;
 pub mod rooms;
-mod sampling;
+pub(crate) mod sampling;
 pub mod shapes;

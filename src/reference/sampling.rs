@@ -6,13 +6,13 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 
 /// SplitMix64 (Steele et al. 2014): a counter run through a mixing function.
-pub(super) struct Random {
+pub(crate) struct Random {
     state: u64,
 }
 
 impl Random {
     /// The stream of item `item` under `seed`.
-    pub(super) fn new(item: u64, seed: u64) -> Self {
+    pub(crate) fn new(item: u64, seed: u64) -> Self {
         Self { state: mix(mix(seed).wrapping_add(item)) }
     }
 
@@ -28,7 +28,7 @@ impl Random {
     }
 
     /// Uniform in the unit square.
-    pub(super) fn square(&mut self) -> Vec2 {
+    pub(crate) fn square(&mut self) -> Vec2 {
         Vec2::new(self.uniform(), self.uniform())
     }
 }

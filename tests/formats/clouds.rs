@@ -173,7 +173,7 @@ fn ply_passes_over_lists_and_other_elements() {
 
 /// What was logged.
 #[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<u8>>>);
+pub(crate) struct Log(pub(crate) Arc<Mutex<Vec<u8>>>);
 
 impl std::io::Write for Log {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
@@ -254,11 +254,11 @@ fn written_ply_reads_back_to_the_bit() {
 }
 
 /// A packed colour with full alpha: its bits are a NaN.
-fn packed(rgb: [u8; 3]) -> u32 {
+pub(crate) fn packed(rgb: [u8; 3]) -> u32 {
     u32::from_be_bytes([255, rgb[0], rgb[1], rgb[2]])
 }
 
-fn pcd_file(
+pub(crate) fn pcd_file(
     path: &Path,
     data_kind: DataKind,
     schema: &[(&str, ValueKind, u64)],
@@ -355,18 +355,18 @@ fn pcd_gaps_and_viewpoints() {
     }
 }
 
-fn las_file(path: &Path, format: u8, points: &[(DVec3, [u16; 3])]) {
+/// A file of `count` points, each as `fill` leaves it.
+pub(crate) fn las_file(path: &Path, format: u8, count: u32, fill: impl Fn(u32, &mut ::las::Point)) {
     let mut builder = ::las::Builder::from((1, 4));
     builder.point_format = ::las::point::Format::new(format).unwrap();
+    let plain = builder.point_format;
     builder.point_format.is_compressed = path.extension().unwrap() == "laz";
     let transform = |offset| ::las::Transform { scale: 0.001, offset };
     builder.transforms = ::las::Vector { x: transform(600_000.0), y: transform(4_000_000.0), z: transform(0.0) };
     let mut writer = ::las::Writer::from_path(path, builder.into_header().unwrap()).unwrap();
-    for (position, [red, green, blue]) in points {
-        let mut point = ::las::Point { x: position.x, y: position.y, z: position.z, ..Default::default() };
-        let format = ::las::point::Format::new(format).unwrap();
-        point.gps_time = format.has_gps_time.then_some(1.0);
-        point.color = format.has_color.then(|| ::las::Color::new(*red, *green, *blue));
+    for i in 0..count {
+        let mut point = ::las::Point { gps_time: plain.has_gps_time.then_some(1.0), ..Default::default() };
+        fill(i, &mut point);
         writer.write_point(point).unwrap();
     }
     writer.close().unwrap();
@@ -385,7 +385,11 @@ fn las_and_laz() {
                 let points: Vec<_> =
                     (0..1000).map(|i| (at(i), [(i % 256) as u16 * scale, 17 * scale, 255 * scale])).collect();
                 let path = dir.path().join(name.to_lowercase());
-                las_file(&path, format, &points);
+                las_file(&path, format, 1000, |i, point| {
+                    let (position, [red, green, blue]) = points[i as usize];
+                    (point.x, point.y, point.z) = position.into();
+                    point.color = Some(::las::Color::new(red, green, blue));
+                });
                 let path = if name == "scan.LAZ" { put(&dir, name, std::fs::read(path).unwrap()) } else { path };
                 let cloud = las::read(&path).unwrap();
                 assert_eq!(cloud.len(), 1000);

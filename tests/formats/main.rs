@@ -5,6 +5,7 @@
 mod bad_clouds;
 mod bad_others;
 mod clouds;
+mod expanded;
 mod images;
 mod neighbours;
 mod objects;

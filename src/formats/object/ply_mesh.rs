@@ -4,15 +4,13 @@ use std::path::Path;
 
 use super::{Piece, assemble};
 use crate::formats::ply::read_elements;
-use crate::formats::read_bytes;
 use crate::scene::{Material, Object};
 use crate::{Error, Result};
 
 /// Reads `vertex` (x, y, z; nx, ny, nz) and `face` (vertex_indices or vertex_index); faces of more than three corners
 /// become fans.
 pub(super) fn read(path: &Path) -> Result<Object> {
-    let bytes = read_bytes(path)?;
-    let [vertices, faces] = read_elements(path, &bytes, [("vertex", ""), ("face", "vertex_ind")])?;
+    let [vertices, faces] = read_elements(path, [("vertex", ""), ("face", "vertex_ind")])?;
     let missing = |what: &str| Error::file(path, format!("is not a mesh: {what}"));
     let positions = vertices.table.positions().ok_or_else(|| missing("its vertices have no x, y, z"))?;
     if faces.ends.len() != faces.rows {
