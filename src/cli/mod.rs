@@ -5,6 +5,7 @@ mod bench;
 mod build;
 mod compare;
 mod demo;
+mod expand;
 mod info;
 mod output;
 mod progress;
@@ -33,6 +34,8 @@ enum Verb {
     Bake(bake::Args),
     /// Build the hierarchy of a cloud and save it
     Build(build::Args),
+    /// Expand the dynamic range of a cloud from an HDR photo
+    Expand(Box<expand::Args>),
     /// Light an object inside a cloud
     Render(Box<render::Args>),
     /// Compare an image with a reference
@@ -62,6 +65,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
         Verb::Demo(args) => demo::run(&args),
         Verb::Bake(args) => bake::run(&args),
         Verb::Build(args) => build::run(&args),
+        Verb::Expand(args) => expand::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Bench(verb) => bench::run(&verb),

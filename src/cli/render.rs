@@ -30,6 +30,16 @@ pub(super) enum UpAxis {
     MinusY,
 }
 
+impl From<UpAxis> for Up {
+    fn from(axis: UpAxis) -> Self {
+        match axis {
+            UpAxis::Y => Self::Y,
+            UpAxis::Z => Self::Z,
+            UpAxis::MinusY => Self::MinusY,
+        }
+    }
+}
+
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Cloud (.ply, .pcd, .las, .laz) or saved hierarchy (.bsh)
@@ -320,12 +330,7 @@ fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<Loa
 
 /// Reads a cloud; `towards` is where estimated normals look if the file does not know better.
 pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Result<Cloud> {
-    let up = match up {
-        UpAxis::Y => Up::Y,
-        UpAxis::Z => Up::Z,
-        UpAxis::MinusY => Up::MinusY,
-    };
-    cloud::load(path, &CloudOptions { up, orient_towards: towards })
+    cloud::load(path, &CloudOptions { up: up.into(), orient_towards: towards })
 }
 
 /// Writes an EXR with layers or a PNG, by the name's ending.

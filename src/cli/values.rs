@@ -66,6 +66,11 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number(text, 0.0, LARGEST).ok_or(format!("{text:?} is not a number from 0 to 1e9"))
 }
 
+/// A number above 0 and at most 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    number(text, f64::MIN_POSITIVE, 1.0).ok_or(format!("{text:?} is not a number above 0 and at most 1"))
+}
+
 /// The cosine of an angle.
 pub(super) fn cosine(text: &str) -> Result<f64, String> {
     number(text, -1.0, 1.0).ok_or(format!("{text:?} is not a number from -1 to 1"))

@@ -14,7 +14,7 @@ use glam::Vec3;
 
 pub use super::color::{decode_srgb, encode_srgb};
 use super::{extension, read_bytes, whole};
-use crate::scene::FarField;
+use crate::scene::{FarField, Picture};
 use crate::{Error, Result};
 
 /// Reads a lat-long panorama of linear radiance from a .exr or .hdr file. Negative values (filter lobes) become 0;
@@ -24,16 +24,33 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::File`] where the extension is another, or the file cannot be read or has no pixels or no colours.
 pub fn read_far_field(path: &Path) -> Result<FarField> {
-    let (width, height, mut radiance) = match extension(path).as_str() {
+    let Picture { width, height, rgb } = read_radiance(path, "panorama")?;
+    if (i64::from(width) - 2 * i64::from(height)).abs() > 1 {
+        tracing::warn!("{}: {width}x{height} is not 2:1, as a lat-long panorama should be", path.display());
+    }
+    Ok(FarField { width, height, radiance: rgb })
+}
+
+/// Reads an HDR photo of linear radiance from a .exr or .hdr file. Negative values become 0; values that are not finite
+/// become 0 with a warning.
+///
+/// # Errors
+/// [`Error::File`] where the extension is another, or the file cannot be read or has no pixels or no colours.
+pub fn read_photo(path: &Path) -> Result<Picture> {
+    read_radiance(path, "HDR photo")
+}
+
+fn read_radiance(path: &Path, what: &str) -> Result<Picture> {
+    let (width, height, mut rgb) = match extension(path).as_str() {
         "exr" => {
             let image = read_rgba_exr(path)?;
             (image.width, image.height, image.rgb)
         }
         "hdr" => read_radiance_hdr(path)?,
-        _ => return Err(Error::file(path, "is not a known kind of panorama: expected .exr or .hdr")),
+        _ => return Err(Error::file(path, format!("is not a known kind of {what}: expected .exr or .hdr"))),
     };
     let mut replaced = 0;
-    for value in &mut radiance {
+    for value in &mut rgb {
         if !value.is_finite() {
             replaced += 1;
             *value = Vec3::ZERO;
@@ -43,10 +60,7 @@ pub fn read_far_field(path: &Path) -> Result<FarField> {
     if replaced > 0 {
         tracing::warn!("{}: {replaced} pixels are not finite: taken as black", path.display());
     }
-    if (i64::from(width) - 2 * i64::from(height)).abs() > 1 {
-        tracing::warn!("{}: {width}x{height} is not 2:1, as a lat-long panorama should be", path.display());
-    }
-    Ok(FarField { width, height, radiance })
+    Ok(Picture { width, height, rgb })
 }
 
 fn read_radiance_hdr(path: &Path) -> Result<(u32, u32, Vec<Vec3>)> {

@@ -10,7 +10,7 @@ use super::network::Network;
 use super::poisson::{self, Problem};
 use super::reprojection::{Expanded, Gathered};
 use super::scouts::Scouts;
-use super::shots::{NO_POINT, Shot};
+use super::shots::Shot;
 use super::tone::{self, Banterle, Landis};
 use super::{
     Expansion, Inputs, Options, Origin, Places, Report, ShotPictures, Strategy, Transfer, exposure, places, registration,
@@ -25,6 +25,8 @@ const PICTURE_FACE: u32 = 512;
 const UNLIKE: f32 = 0.25;
 /// More of them than this share in no shot deserve one too.
 const UNSEEN: f32 = 0.25;
+/// A photo of which more than this share is as bright as its brightest pixel was clipped when it was taken.
+const CLIPPED_PHOTO: f32 = 0.002;
 /// Exponent of Landis' ramp.
 const LANDIS_ALPHA: f32 = 2.0;
 
@@ -112,6 +114,14 @@ impl Run<'_> {
         let exposure = exposure.ok_or_else(|| Error::Argument("the photo is all black".into()))?;
         self.report.alpha = Some(exposure.alpha);
         self.report.exposure = Some(exposure);
+        let brightest = photo.rgb.iter().map(|c| c.max_element()).fold(0.0, f32::max);
+        let clipped = photo.rgb.iter().filter(|c| c.max_element() >= 0.999 * brightest).count();
+        if clipped as f32 > CLIPPED_PHOTO * photo.rgb.len() as f32 {
+            self.report.warnings.push(format!(
+                "{clipped} pixels of the photo are as bright as its brightest, {brightest}: it seems to be clipped itself, \
+                 and lights cannot become brighter than it knows"
+            ));
+        }
         Ok(())
     }
 
@@ -353,34 +363,41 @@ fn median(mut values: Vec<f32>) -> Option<f32> {
 /// Pictures of a shot, its faces three in a row.
 fn shot_pictures(inputs: Inputs, over: &[bool], shot: &Shot, faces: &[Expanded]) -> ShotPictures {
     let side = shot.size.min(PICTURE_FACE);
-    let picture = |color: &(dyn Fn(usize, usize) -> Vec3 + Sync)| {
-        let (width, height) = (3 * side, 2 * side);
-        let rgb = (0..width * height).into_par_iter().map(|n| {
+    let (width, height) = (3 * side, 2 * side);
+    // (face, pixel of it) of every pixel.
+    let places: Vec<(usize, usize)> = (0..width * height)
+        .map(|n| {
             let (x, y) = (n % width, n / width);
             let at = UVec2::new(x % side, y % side) * shot.size / side;
-            color((y / side * 3 + x / side) as usize, (at.y * shot.size + at.x) as usize)
-        });
-        Picture { width, height, rgb: rgb.collect() }
+            ((y / side * 3 + x / side) as usize, (at.y * shot.size + at.x) as usize)
+        })
+        .collect();
+    let point = |&(face, pixel): &(usize, usize)| shot.faces[face].point[pixel];
+    let color = |place| inputs.cloud.colors.get(point(place) as usize).copied().unwrap_or(Vec3::ZERO);
+    let is_over = |place| over.get(point(place) as usize).copied().unwrap_or(false);
+    let picture = |color: &(dyn Fn(&(usize, usize)) -> Vec3 + Sync)| Picture {
+        width,
+        height,
+        rgb: places.par_iter().map(color).collect(),
     };
-    let point = |face: usize, pixel: usize| shot.faces[face].point[pixel];
-    let color = |face: usize, pixel: usize| match point(face, pixel) {
-        NO_POINT => Vec3::ZERO,
-        point => inputs.cloud.colors[point as usize],
-    };
-    let is_over = |face: usize, pixel: usize| over.get(point(face, pixel) as usize).copied().unwrap_or(false);
-    let magenta = Vec3::new(1.0, 0.0, 1.0);
-    let seen = picture(&|face, pixel| if is_over(face, pixel) { magenta } else { color(face, pixel) });
-    let expanded = picture(&|face, pixel| match faces[face].weights[pixel] > 0.0 && is_over(face, pixel) {
-        true => faces[face].colors[pixel],
-        false => color(face, pixel),
+    let expanded = picture(&|place| match faces[place.0].weights[place.1] > 0.0 && is_over(place) {
+        true => faces[place.0].colors[place.1],
+        false => color(place),
     });
     let size = inputs.photo.map_or(Vec2::ONE, |photo| Vec2::new(photo.width as f32, photo.height as f32));
-    let matched = picture(&|face, pixel| match faces[face].places.get(pixel).filter(|_| is_over(face, pixel)) {
-        Some(place) if faces[face].costs[pixel].is_finite() => {
-            (*place / size).clamp(Vec2::ZERO, Vec2::ONE).extend(faces[face].costs[pixel].min(1.0))
+    let matched = picture(&|place| {
+        let face = &faces[place.0];
+        match face.places.get(place.1).filter(|_| is_over(place) && face.costs[place.1].is_finite()) {
+            Some(found) => (*found / size).clamp(Vec2::ZERO, Vec2::ONE).extend(face.costs[place.1].min(1.0)),
+            None => Vec3::splat(0.2 * luminance(color(place)).min(1.0)),
         }
-        _ => Vec3::splat(0.2 * luminance(color(face, pixel)).min(1.0)),
     });
     let has_places = faces.iter().any(|face| !face.places.is_empty());
-    ShotPictures { seen, expanded, matched: has_places.then_some(matched) }
+    ShotPictures {
+        width,
+        height,
+        points: places.iter().map(point).collect(),
+        expanded,
+        matched: has_places.then_some(matched),
+    }
 }

@@ -207,14 +207,18 @@ pub struct Report {
     pub seconds: Vec<(&'static str, f64)>,
 }
 
-/// Pictures of one shot: the six faces of each side by side, three in a row.
+/// Pictures of one shot: the six faces side by side, three in a row. All have the same size.
 #[derive(Clone, Debug)]
 pub struct ShotPictures {
-    /// The cloud as it is, over-exposed pixels in magenta.
-    pub seen: Picture,
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Point that each pixel shows; [`shots::NO_POINT`] where there is none.
+    pub points: Vec<u32>,
     /// Linear radiance after the expansion, before it is projected.
     pub expanded: Picture,
     /// With [`Strategy::PatchMatch`]: where in the photo each over-exposed pixel was found, its x in red, its y in green,
-    /// cost over t_h in blue; the rest of the shot in grey.
+    /// cost over t_h in blue; the rest of the shot in dark grey.
     pub matched: Option<Picture>,
 }
