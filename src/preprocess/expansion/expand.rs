@@ -373,8 +373,8 @@ fn shot_pictures(inputs: Inputs, over: &[bool], shot: &Shot, faces: &[Expanded])
         })
         .collect();
     let point = |&(face, pixel): &(usize, usize)| shot.faces[face].point[pixel];
-    let color = |place| inputs.cloud.colors.get(point(place) as usize).copied().unwrap_or(Vec3::ZERO);
-    let is_over = |place| over.get(point(place) as usize).copied().unwrap_or(false);
+    let color = |place: &(usize, usize)| inputs.cloud.colors.get(point(place) as usize).copied().unwrap_or(Vec3::ZERO);
+    let is_over = |place: &(usize, usize)| over.get(point(place) as usize).copied().unwrap_or(false);
     let picture = |color: &(dyn Fn(&(usize, usize)) -> Vec3 + Sync)| Picture {
         width,
         height,
