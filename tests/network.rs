@@ -70,8 +70,9 @@ fn tiles_leave_no_seams() {
         let (a, b) = (luminance(left.at(x + 80, y)), luminance(right.at(x, y)));
         worst = worst.max((a / b).ln().abs());
     }
-    // A tile sees less of the surroundings than a larger picture has; hard borders between tiles gave 0.24.
-    assert!(worst < 0.1, "tiles change results by {worst}");
+    // A tile sees less of the surroundings than a larger picture has, which changes results by 0.009; tiles that count
+    // as much at their borders as in their middle change them by 0.063.
+    assert!(worst < 0.03, "tiles change results by {worst}");
 }
 
 #[test]

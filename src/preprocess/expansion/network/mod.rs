@@ -2,8 +2,9 @@
 //! of Point Clouds for Real-Time Relighting", section 6.2, compares with. Any network that turns one picture of low
 //! dynamic range into one of high, as an ONNX file, or the small one that ships with relume (`tools/train_network`).
 //!
-//! A network takes float 1x3xHxW, sRGB-encoded in 0..1, which is what published ones such as ExpandNet (Marnerides et al.
-//! 2018) take, and gives float 1x3xHxW, linear. It sees the picture in tiles that overlap, so that memory stays bounded.
+//! A network takes float 1x3xHxW, sRGB-encoded in 0..1, which is what published ones such as ExpandNet (Marnerides et
+//! al. 2018) take, and gives float 1x3xHxW, linear. It sees the picture in tiles that overlap, so that memory stays
+//! bounded.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -68,15 +69,15 @@ impl Network {
     }
 
     /// The picture, linear in 0..1, with its high dynamic range, at the same size and in the same scale: 1.0 stays the
-    /// white of the input, and what is clipped gets brighter, never darker. Finite and non-negative whatever the network
-    /// gives; where that is no finite number, the input's colour stays.
+    /// white of the input, and what is clipped gets brighter, never darker. Finite and non-negative whatever the
+    /// network gives; where that is no finite number, the input's colour stays.
     ///
     /// Networks differ in the scale of their output, so it is multiplied by a factor which makes the median ratio of
-    /// output to input 1 over the well-exposed pixels that it saw (luminance 0.05 to 0.7); without any it stays as it is.
+    /// output to input 1 over the well-exposed pixels that it saw (luminance 0.05 to 0.7); without any there is none.
     ///
-    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are. That saves their time where
-    /// only over-exposed pixels matter. The result does not depend on the number of threads. `progress` gets the share
-    /// of the tiles that are done.
+    /// With `wanted`, one flag a pixel, tiles that hold no wanted pixel are left as they are. That saves their time
+    /// where only over-exposed pixels matter. The result does not depend on the number of threads. `progress` gets the
+    /// share of the tiles that are done.
     ///
     /// # Errors
     /// [`Error::Argument`] when `wanted` has another length than the picture; [`Error::File`] when the network fails.

@@ -119,7 +119,8 @@ mod tests {
     fn tiles_without_wanted_pixels_are_skipped() {
         let tiles = Tiles::new([448, 448], [256, 256]);
         let mut wanted = vec![false; 448 * 448];
-        wanted[10 * 448 + 10] = true;
+        // In both tiles, but too near the border of the second one.
+        wanted[10 * 448 + 200] = true;
         assert_eq!(tiles.needed(Some(&wanted)), [[0, 0]]);
         wanted[10 * 448 + 224] = true;
         assert_eq!(tiles.needed(Some(&wanted)), [[0, 0], [0, 192]]);
