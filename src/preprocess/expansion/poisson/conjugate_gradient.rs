@@ -5,8 +5,8 @@ use super::multigrid::Multigrid;
 use super::sparse::{Channels, dot, update};
 
 /// Relative residual at which a channel is done; far below the 1e-6 that is asked for, because the error of a large
-/// hole may be thousands of times its residual.
-const TOLERANCE: f64 = 1e-10;
+/// hole may be a hundred times its residual.
+const TOLERANCE: f64 = 1e-8;
 /// Iterations after which rounding, not the distance to the solution, is in the way.
 const MOST_ITERATIONS: usize = 200;
 
