@@ -50,9 +50,8 @@ pub(super) fn solve<const C: usize>(
             std::array::from_fn(|c| matrix.diagonal[row] * direction[row][c] + others[c])
         });
         let curvature = dot(&direction, &image);
-        let alpha: [f64; C] = std::array::from_fn(|c| {
-            if moves[c] && curvature[c] > 0.0 { product[c] / curvature[c] } else { 0.0 }
-        });
+        let alpha: [f64; C] =
+            std::array::from_fn(|c| if moves[c] && curvature[c] > 0.0 { product[c] / curvature[c] } else { 0.0 });
         update(x, |row, x| std::array::from_fn(|c| x[c] + alpha[c] * direction[row][c]));
         update(&mut r, |row, r| std::array::from_fn(|c| r[c] - alpha[c] * image[row][c]));
         last = product;

@@ -30,14 +30,16 @@ impl Matrix {
         };
         let bound = (0..self.rows()).map(row).fold(1.0, f64::max);
         // Any vector with a bit of everything in it.
-        let mut x: Channels<1> = (0..self.rows() as u32).map(|row| [f64::from(row.wrapping_mul(HASH) as i32)]).collect();
+        let mut x: Channels<1> =
+            (0..self.rows() as u32).map(|row| [f64::from(row.wrapping_mul(HASH) as i32)]).collect();
         let mut image = x.clone();
         let mut estimate = 1.0;
         for _ in 0..POWER_ITERATIONS {
             let size = dot(&x, &x)[0].sqrt();
-            update(&mut image, |row, _| {
-                [(x[row][0] + self.off_diagonal.times(row, &x)[0] / self.diagonal[row]) / size]
-            });
+            update(
+                &mut image,
+                |row, _| [(x[row][0] + self.off_diagonal.times(row, &x)[0] / self.diagonal[row]) / size],
+            );
             std::mem::swap(&mut x, &mut image);
             estimate = dot(&x, &x)[0].sqrt();
         }
