@@ -1,7 +1,7 @@
 //! Eq. 2 as a symmetric matrix, and its connected parts.
 
 use super::multigrid::Matrix;
-use super::neighbours::Row;
+use super::neighbours::Rows;
 use super::sparse::{Channels, Sparse};
 
 /// The equations of all sites.
@@ -17,10 +17,11 @@ pub(super) struct System<const C: usize> {
 }
 
 impl<const C: usize> System<C> {
-    pub(super) fn new(rows: Vec<Row<C>>) -> Self {
+    pub(super) fn new(rows: Rows<C>) -> Self {
         let off_diagonal = symmetric(&rows);
-        let known: Vec<u32> = rows.iter().map(|row| row.known).collect();
-        let right: Channels<C> = rows.into_iter().map(|row| row.sum).collect();
+        let known: Vec<u32> = rows.ends.iter().map(|end| end.known).collect();
+        let right: Channels<C> = rows.ends.iter().map(|end| end.sum).collect();
+        drop(rows);
         let mut system = Self {
             matrix: Matrix { diagonal: Vec::new(), off_diagonal },
             start: vec![[0.0; C]; right.len()],
@@ -79,42 +80,31 @@ impl<const C: usize> System<C> {
 /// Deviation from Sabbadin 2019, Eq. 2: p may be among the nearest of q without q being among the nearest of p, and the
 /// paper's matrix is then not symmetric. Here either makes them neighbours of each other, so that the matrix is positive
 /// definite; the equation's meaning, that gradients are the LDR ones, is the same.
-fn symmetric<const C: usize>(rows: &[Row<C>]) -> Sparse {
-    let mut starts = vec![0; rows.len() + 1];
-    for (site, row) in rows.iter().enumerate() {
-        starts[site + 1] += row.unknown.len();
-        row.unknown.iter().for_each(|&other| starts[other as usize + 1] += 1);
-    }
-    (0..rows.len()).for_each(|site| starts[site + 1] += starts[site]);
-    let mut next = starts.clone();
-    let mut columns = vec![0u32; starts[rows.len()]];
-    let mut put = |row: usize, column: u32| {
-        columns[next[row]] = column;
-        next[row] += 1;
-    };
-    for (site, row) in rows.iter().enumerate() {
-        for &other in &row.unknown {
-            put(site, other);
-            put(other as usize, site as u32);
-        }
-    }
-    // Edges that were there in both directions are there twice.
-    let mut kept = 0;
-    let mut begin = 0;
-    for site in 0..rows.len() {
-        let end = starts[site + 1];
-        columns[begin..end].sort_unstable();
-        starts[site] = kept;
-        for at in begin..end {
-            if at == begin || columns[at] != columns[kept - 1] {
-                columns[kept] = columns[at];
-                kept += 1;
+fn symmetric<const C: usize>(rows: &Rows<C>) -> Sparse {
+    // Calls `f` with both ends of every edge that only the first one's row has.
+    let one_sided = |f: &mut dyn FnMut(u32, u32)| {
+        for site in 0..rows.len() {
+            let here = site as u32;
+            for &other in rows.unknown(site).iter().filter(|&&other| !rows.unknown(other as usize).contains(&here)) {
+                f(here, other);
             }
         }
-        begin = end;
+    };
+    let mut starts = vec![0; rows.len() + 1];
+    one_sided(&mut |_, other| starts[other as usize + 1] += 1);
+    for site in 0..rows.len() {
+        starts[site + 1] += starts[site] + rows.unknown(site).len();
     }
-    starts[rows.len()] = kept;
-    columns.truncate(kept);
-    columns.shrink_to_fit();
+    let mut columns = vec![0; starts[rows.len()]];
+    let mut next = starts.clone();
+    for (site, next) in next[..rows.len()].iter_mut().enumerate() {
+        let own = rows.unknown(site);
+        columns[*next..*next + own.len()].copy_from_slice(own);
+        *next += own.len();
+    }
+    one_sided(&mut |site, other| {
+        columns[next[other as usize]] = site;
+        next[other as usize] += 1;
+    });
     Sparse { starts, columns, values: Vec::new() }
 }

@@ -2,7 +2,7 @@
 //! Order Elliptic Problems", 1996. One V-cycle of it preconditions the conjugate gradient, which then takes about as
 //! many iterations on a large hole as on a small one; with the diagonal alone they grow with the hole's width.
 
-use super::sparse::{Channels, Sparse, update};
+use super::sparse::{Channels, Sparse, dot, update};
 
 /// A symmetric positive definite matrix.
 pub(super) struct Matrix {
@@ -21,20 +21,41 @@ impl Matrix {
         std::array::from_fn(|c| b[row][c] - self.diagonal[row] * x[row][c] - others[c])
     }
 
-    /// Bound of the largest eigenvalue of D^-1 A (Gershgorin); at most 2 for a Laplacian.
-    fn bound(&self) -> f64 {
+    /// About the largest eigenvalue of D^-1 A, rather too large than too small: by power iteration, with a tenth on top
+    /// for what that has not reached, but no more than Gershgorin's bound.
+    fn largest_eigenvalue(&self) -> f64 {
         let row = |row| {
             let others: f64 = self.off_diagonal.entries(row).map(|(_, value)| value.abs()).sum();
             1.0 + others / self.diagonal[row]
         };
-        (0..self.rows()).map(row).fold(1.0, f64::max)
+        let bound = (0..self.rows()).map(row).fold(1.0, f64::max);
+        // Any vector with a bit of everything in it.
+        let mut x: Channels<1> =
+            (0..self.rows() as u32).map(|row| [f64::from(row.wrapping_mul(HASH) as i32)]).collect();
+        let mut image = x.clone();
+        let mut estimate = 1.0;
+        for _ in 0..POWER_ITERATIONS {
+            let size = dot(&x, &x)[0].sqrt();
+            update(
+                &mut image,
+                |row, _| [(x[row][0] + self.off_diagonal.times(row, &x)[0] / self.diagonal[row]) / size],
+            );
+            std::mem::swap(&mut x, &mut image);
+            estimate = dot(&x, &x)[0].sqrt();
+        }
+        // A matrix without rows has nothing to estimate.
+        if estimate > 0.0 { bound.min(1.1 * estimate) } else { bound }
     }
 }
 
+/// An odd number with its bits well mixed (Knuth's multiplicative hash).
+const HASH: u32 = 2_654_435_761;
+const POWER_ITERATIONS: usize = 8;
 /// Rows of a matrix that is small enough for a dense factorisation.
 const DENSE: usize = 128;
-/// Relaxation in units of the inverse bound: below 2, so that the cycle stays positive definite.
-const RELAXATION: f64 = 1.8;
+/// Relaxation in units of the inverse eigenvalue: so far below 2 that the cycle stays positive definite even where the
+/// eigenvalue is a quarter larger than estimated.
+const RELAXATION: f64 = 1.5;
 /// Vanek's choice for the prolongation, in the same units.
 const SMOOTHING: f64 = 4.0 / 3.0;
 
@@ -66,12 +87,12 @@ impl Multigrid {
         let mut matrix = finest;
         // The finest matrix is always a level, because the solver needs it; each next one has at most half of the rows.
         while levels.is_empty() || matrix.rows() > DENSE {
-            let bound = matrix.bound();
+            let largest = matrix.largest_eigenvalue();
             let (aggregates, count) = aggregate(&matrix.off_diagonal);
-            let prolongation = smoothed(&matrix, &aggregates, SMOOTHING / bound);
+            let prolongation = smoothed(&matrix, &aggregates, SMOOTHING / largest);
             let restriction = prolongation.transposed(count);
             let coarse = galerkin(&matrix, &prolongation, &restriction);
-            let relaxation = matrix.diagonal.iter().map(|diagonal| RELAXATION / bound / diagonal).collect();
+            let relaxation = matrix.diagonal.iter().map(|diagonal| RELAXATION / largest / diagonal).collect();
             levels.push(Level { matrix, relaxation, prolongation, restriction });
             matrix = coarse;
         }

@@ -13,15 +13,34 @@ use crate::{Error, Result};
 /// In [`Cloud::sites`]: a known point.
 pub(super) const KNOWN: u32 = u32::MAX;
 
-/// One equation: an unknown position and what lies around it.
-#[derive(Clone)]
-pub(super) struct Row<const C: usize> {
-    /// The unknown positions among the neighbours, as sites.
-    pub(super) unknown: Box<[u32]>,
+/// The equations: each unknown position and what lies around it.
+pub(super) struct Rows<const C: usize> {
+    /// Unknown neighbours as sites, room for all neighbours a row.
+    unknown: Vec<u32>,
+    room: usize,
+    pub(super) ends: Vec<End<C>>,
+}
+
+/// Of one equation.
+#[derive(Clone, Copy)]
+pub(super) struct End<const C: usize> {
+    /// Number of unknown neighbours.
+    unknown: u32,
     /// Number of known neighbours.
     pub(super) known: u32,
     /// Sum of the known neighbours' values.
     pub(super) sum: [f64; C],
+}
+
+impl<const C: usize> Rows<C> {
+    pub(super) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The unknown neighbours of a site.
+    pub(super) fn unknown(&self, site: usize) -> &[u32] {
+        &self.unknown[site * self.room..][..self.ends[site].unknown as usize]
+    }
 }
 
 /// The distinct positions of unknown points, called sites.
@@ -62,90 +81,142 @@ impl<F> Search<'_, F> {
     ///
     /// The cloud is cut into cubes, and the cubes next to a site are searched; sites whose neighbours may lie farther
     /// off than that are left for larger cubes, in the end for one cube.
-    pub(super) fn rows<const C: usize>(&self, progress: &dyn Fn(f32)) -> Result<Vec<Row<C>>>
+    pub(super) fn rows<const C: usize>(&self, progress: &dyn Fn(f32)) -> Result<Rows<C>>
     where
         F: Fn(usize) -> [f64; C] + Sync,
     {
         let sites = &self.sites.positions;
-        let mut rows = vec![Row { unknown: Box::default(), known: 0, sum: [0.0; C] }; sites.len()];
+        let room = self.neighbours.min(self.positions.len());
+        let mut rows = Rows {
+            unknown: vec![KNOWN; sites.len() * room],
+            room,
+            ends: vec![End { unknown: 0, known: 0, sum: [0.0; C] }; sites.len()],
+        };
         let mut open = vec![true; sites.len()];
-        let mut left = sites.len();
         let bounds = bounds(self.positions);
         let mut across = cubes_across(self.positions.len());
-        while left > 0 {
-            let places = sites.iter().zip(&open).filter(|(_, open)| **open).map(|(&place, _)| place);
-            let grid = Grid::around(bounds, across, places);
-            for (site, row) in self.search(&grid, &open)? {
-                rows[site as usize] = row;
-                open[site as usize] = false;
-                left -= 1;
+        loop {
+            let left = open.iter().filter(|open| **open).count();
+            progress(1.0 - left as f32 / sites.len().max(1) as f32);
+            if left == 0 {
+                return Ok(rows);
             }
-            progress(1.0 - left as f32 / sites.len() as f32);
+            let places = sites.iter().zip(&open).filter(|(_, open)| **open).map(|(&place, _)| place);
+            self.search(&Grid::around(bounds, across, places), &mut open, &mut rows)?;
             across = across.div_ceil(4);
         }
-        Ok(rows)
     }
 
-    /// The equations of those `open` sites whose neighbours are sure to lie within the grid's marked cubes.
-    fn search<const C: usize>(&self, grid: &Grid, open: &[bool]) -> Result<Vec<(u32, Row<C>)>>
+    /// Fills the equations of those `open` sites whose neighbours are sure to lie within the grid's marked cubes, and
+    /// closes them.
+    fn search<const C: usize>(&self, grid: &Grid, open: &mut [bool], rows: &mut Rows<C>) -> Result<()>
     where
         F: Fn(usize) -> [f64; C] + Sync,
     {
-        let points: Vec<u32> =
-            (0..self.positions.len() as u32).into_par_iter().filter(|&p| grid.marks(self.positions[p as usize])).collect();
+        let points: Vec<u32> = (0..self.positions.len() as u32)
+            .into_par_iter()
+            .filter(|&point| grid.marks(self.positions[point as usize]))
+            .collect();
         let places: Vec<Vec3> = points.iter().map(|&point| self.positions[point as usize]).collect();
-        let order = spatial_order(&places);
-        let runs: Vec<&[(u64, [f32; 3], u32)]> = order.chunk_by(|a, b| a.1 == b.1).collect();
-        let distinct: Vec<[f32; 3]> = runs.iter().map(|run| run[0].1).collect();
-        let turned = turn(&distinct);
-        let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&turned)
-            .map_err(|_| Error::Limit(format!("a search holds at most {} points, not {}", u32::MAX, distinct.len())))?;
+        let mut order = spatial_order(&places);
+        drop(places);
+        order.par_iter_mut().for_each(|copy| copy.2 = points[copy.2 as usize]);
+        drop(points);
+        let places = Places::new(&order)?;
         // One more than asked for: the position itself is its own nearest.
-        let count = NonZero::new(self.neighbours.min(distinct.len() - 1) + 1).unwrap_or(NonZero::<usize>::MIN);
-        let point = |copy: &(u64, [f32; 3], u32)| points[copy.2 as usize] as usize;
-        let site_of = |copy| self.sites.of_points[point(copy)];
-        let row = |at: usize| {
-            let run = runs[at];
-            let site = run.iter().map(site_of).find(|&site| site != KNOWN && open[site as usize])?;
-            if let Some(value) = self.known_value(run, point) {
+        let count = NonZero::new(self.neighbours.min(places.runs.len() - 1) + 1).unwrap_or(NonZero::<usize>::MIN);
+        let at_sites = self.at_sites(&places);
+        let fill = |site: usize, unknown: &mut [u32], end: &mut End<C>| {
+            let at = at_sites[site] as usize;
+            if let Some(value) = self.known_value(places.runs[at]) {
                 // Some points of this position are known: that settles the others.
-                return Some((site, Row { unknown: Box::default(), known: 1, sum: value }));
+                *end = End { unknown: 0, known: 1, sum: value };
+                return true;
             }
-            let mut near = tree.query(&turned[at]).nearest_n::<SquaredEuclidean<f32>>(count).execute();
-            near.retain(|near| near.item as usize != at);
-            near.truncate(self.neighbours);
-            let mut unknown = Vec::with_capacity(near.len());
-            let mut row = Row { unknown: Box::default(), known: 0, sum: [0.0; C] };
-            let mut reach = if near.len() < self.neighbours { f64::INFINITY } else { 0.0 };
-            for near in near {
-                let other = runs[near.item as usize];
-                reach = (Vec3::from(other[0].1).as_dvec3() - Vec3::from(run[0].1).as_dvec3()).length().max(reach);
-                match self.known_value(other, point) {
+            *end = End { unknown: 0, known: 0, sum: [0.0; C] };
+            let mut reach: f64 = 0.0;
+            let mut found = 0;
+            for near in places.nearest(at, count).take(self.neighbours) {
+                found += 1;
+                reach = reach.max(places.position(near).distance(places.position(at)));
+                match self.known_value(places.runs[near]) {
                     Some(value) => {
-                        row.known += 1;
-                        row.sum = std::array::from_fn(|c| row.sum[c] + value[c]);
+                        end.known += 1;
+                        end.sum = std::array::from_fn(|c| end.sum[c] + value[c]);
                     }
-                    None => unknown.push(site_of(&other[0])),
+                    None => {
+                        unknown[end.unknown as usize] = self.sites.of_points[places.runs[near][0].2 as usize];
+                        end.unknown += 1;
+                    }
                 }
             }
-            row.unknown = unknown.into();
-            (reach <= grid.reach()).then_some((site, row))
+            let all = found == self.neighbours && reach <= grid.reach();
+            all || grid.is_whole()
         };
-        Ok((0..runs.len()).into_par_iter().filter_map(row).collect())
+        let room = rows.room;
+        (open.par_iter_mut(), rows.unknown.par_chunks_mut(room), rows.ends.par_iter_mut())
+            .into_par_iter()
+            .enumerate()
+            .filter(|(_, (open, _, _))| **open)
+            .for_each(|(site, (open, unknown, end))| *open = !fill(site, unknown, end));
+        Ok(())
+    }
+
+    /// Where each site is among the places, [`KNOWN`] for those that are not.
+    fn at_sites(&self, places: &Places) -> Vec<u32> {
+        let site = |copy: &Placed| Some(self.sites.of_points[copy.2 as usize]).filter(|&site| site != KNOWN);
+        let found: Vec<(u32, u32)> = (0..places.runs.len() as u32)
+            .into_par_iter()
+            .filter_map(|at| Some((places.runs[at as usize].iter().find_map(site)?, at)))
+            .collect();
+        let mut at_sites = vec![KNOWN; self.sites.positions.len()];
+        found.into_iter().for_each(|(site, at)| at_sites[site as usize] = at);
+        at_sites
     }
 
     /// The mean value of the known ones among the points of one position, if any.
-    fn known_value<T, const C: usize>(&self, run: &[T], point: impl Fn(&T) -> usize) -> Option<[f64; C]>
+    fn known_value<const C: usize>(&self, run: &[Placed]) -> Option<[f64; C]>
     where
         F: Fn(usize) -> [f64; C],
     {
         let (mut count, mut sum) = (0, [0.0; C]);
-        for point in run.iter().map(point).filter(|&point| self.sites.of_points[point] == KNOWN) {
+        for point in run.iter().map(|copy| copy.2 as usize).filter(|&point| self.sites.of_points[point] == KNOWN) {
             let value = (self.value)(point);
             count += 1;
             sum = std::array::from_fn(|c| sum[c] + value[c]);
         }
         (count > 0).then(|| sum.map(|sum| sum / f64::from(count)))
+    }
+}
+
+/// A point as [`spatial_order`] gives it: key, position, index.
+type Placed = (u64, [f32; 3], u32);
+
+/// Distinct positions and a tree over them.
+struct Places<'a> {
+    /// The points of each position.
+    runs: Vec<&'a [Placed]>,
+    turned: Vec<[f32; 3]>,
+    tree: ImmutableKdTree<f32, 3>,
+}
+
+impl<'a> Places<'a> {
+    fn new(order: &'a [Placed]) -> Result<Self> {
+        let runs: Vec<&[Placed]> = order.chunk_by(|a, b| a.1 == b.1).collect();
+        let turned = turn(&runs.iter().map(|run| run[0].1).collect::<Vec<_>>());
+        let tree = ImmutableKdTree::new_from_slice(&turned)
+            .map_err(|_| Error::Limit(format!("a search holds at most {} points, not {}", u32::MAX, runs.len())))?;
+        Ok(Self { runs, turned, tree })
+    }
+
+    fn position(&self, at: usize) -> DVec3 {
+        Vec3::from(self.runs[at][0].1).as_dvec3()
+    }
+
+    /// The `count` places nearest to one, without itself if it is among them: rounding may put others where it is.
+    fn nearest(&self, at: usize, count: NonZero<usize>) -> impl Iterator<Item = usize> {
+        let near = self.tree.query(&self.turned[at]).nearest_n::<SquaredEuclidean<f32>>(count).execute();
+        near.into_iter().map(|near| near.item as usize).filter(move |&near| near != at)
     }
 }
 
@@ -206,6 +277,10 @@ impl Grid {
     fn marks(&self, position: Vec3) -> bool {
         let bit = self.bit(self.cube(position));
         self.marked[bit / 64] >> (bit % 64) & 1 == 1
+    }
+
+    fn is_whole(&self) -> bool {
+        self.edge == f64::INFINITY
     }
 
     /// Everything within this distance of a site is marked. A little less than an edge, for the rounding of cubes.

@@ -134,9 +134,7 @@ pub(super) fn update<T: Copy + Send>(out: &mut [T], f: impl Fn(usize, T) -> T + 
 pub(super) fn dot<const C: usize>(a: &[[f64; C]], b: &[[f64; C]]) -> [f64; C] {
     let parts: Channels<C> = (a.par_chunks(CHUNK), b.par_chunks(CHUNK))
         .into_par_iter()
-        .map(|(a, b)| {
-            a.iter().zip(b).fold([0.0; C], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c]))
-        })
+        .map(|(a, b)| a.iter().zip(b).fold([0.0; C], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c])))
         .collect();
     parts.iter().fold([0.0; C], |sum, part| std::array::from_fn(|c| sum[c] + part[c]))
 }

@@ -1,0 +1,51 @@
+//! Time of the steps of the dynamic range expansion.
+//!
+//! `cargo bench --bench expansion` prints each step's share once, then lets criterion measure.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use glam::Vec3;
+use relume::preprocess::expansion::Transfer;
+use relume::preprocess::expansion::poisson::{DEFAULT_NEIGHBOURS, Problem, solve};
+
+/// Numbers from 0 to 1, the same every time (Knuth's linear congruential generator).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f32 / (1 << 24) as f32
+    }
+}
+
+/// 458 x 458 scattered points on a floor, of which all but four rows at each edge are unknown, 202,500: the hardest
+/// case for an iterative solver, because what is known is far from most of them.
+fn poisson(criterion: &mut Criterion) {
+    const SIDE: usize = 458;
+    let mut random = Random(2019);
+    let mut place = |at: usize| 0.01 * (at as f32 + random.next());
+    let positions: Vec<Vec3> = (0..SIDE * SIDE).map(|at| Vec3::new(place(at % SIDE), 0.0, place(at / SIDE))).collect();
+    let inside = |at: usize| (4..SIDE - 4).contains(&at);
+    let unknown: Vec<bool> = (0..SIDE * SIDE).map(|at| inside(at % SIDE) && inside(at / SIDE)).collect();
+    let low: Vec<Vec3> = positions.iter().map(|p| Vec3::splat((9.0 * p.x).sin() * (7.0 * p.z).cos())).collect();
+    let high: Vec<Vec3> = positions.iter().map(|p| *p + 2.0).collect();
+    let problem = Problem { positions: &positions, low: &low, unknown: &unknown, neighbours: DEFAULT_NEIGHBOURS };
+
+    let mut group = criterion.benchmark_group("poisson");
+    group.sample_size(10);
+    for (name, transfer) in [("luminance", Transfer::Luminance), ("rgb", Transfer::Rgb)] {
+        let mut solution = high.clone();
+        let Ok(report) = solve(&problem, transfer, &mut solution, &|_| {}) else { return };
+        let (iterations, residual) = (report.iterations, report.residual);
+        println!("{name}: {} unknowns, {iterations} iterations, residual {residual:.1e}", report.unknowns);
+        report.seconds.iter().for_each(|(step, seconds)| println!("  {step:20}{:8.1} ms", seconds * 1e3));
+        group.bench_function(format!("{name}, {} unknowns", report.unknowns), |bencher| {
+            bencher.iter(|| black_box(solve(black_box(&problem), transfer, &mut solution, &|_| {})));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, poisson);
+criterion_main!(benches);
