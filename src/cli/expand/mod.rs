@@ -226,10 +226,13 @@ fn tell(args: &Args, strategy: Strategy, expansion: &Expansion, origin: DVec3, s
         return Ok(());
     }
     if args.photo.is_none() {
-        say!("without --photo nothing tells how bright the lights are: {}", match strategy {
-            Strategy::Network => "the network guesses".to_owned(),
-            _ => format!("{} times white is assumed for the brightest", Options::default().maximum),
-        })?;
+        say!(
+            "without --photo nothing tells how bright the lights are: {}",
+            match strategy {
+                Strategy::Network => "the network guesses".to_owned(),
+                _ => format!("{} times white is assumed for the brightest", Options::default().maximum),
+            }
+        )?;
     }
     if let (Some(exposure), Some(alpha)) = (&report.exposure, report.alpha) {
         let found = match &report.registration {

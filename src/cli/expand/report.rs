@@ -71,8 +71,10 @@ impl Page<'_> {
 
     fn numbers(&mut self, options: &Options, expansion: &Expansion, seconds: f64) -> Result<()> {
         let report = &expansion.report;
-        let of_over = |part: usize| format!("{part} ({:.1} %)", 100.0 * part as f64 / report.over_exposed.max(1) as f64);
-        let transfer = if options.transfer == Transfer::Rgb && options.strategy.knows_colors() { "rgb" } else { "luminance" };
+        let of_over =
+            |part: usize| format!("{part} ({:.1} %)", 100.0 * part as f64 / report.over_exposed.max(1) as f64);
+        let transfer =
+            if options.transfer == Transfer::Rgb && options.strategy.knows_colors() { "rgb" } else { "luminance" };
         let mut rows = vec![
             ("strategy".into(), format!("{}, transfer {transfer}", options.strategy.name())),
             ("points".into(), report.points.to_string()),
@@ -160,7 +162,9 @@ impl Page<'_> {
         self.line("<p>Faces +X, -X, +Y above; -Y, +Z, -Z below.</p>")?;
         let (width, height) = (shot.width, shot.height);
         let of_points = |color: &dyn Fn(usize) -> Vec3| {
-            let of = |&point: &u32| if (point as usize) < expansion.colors.len() { color(point as usize) } else { Vec3::ZERO };
+            let of = |&point: &u32| {
+                if (point as usize) < expansion.colors.len() { color(point as usize) } else { Vec3::ZERO }
+            };
             Picture { width, height, rgb: shot.points.iter().map(of).collect() }
         };
         let before = &inputs.cloud.colors;

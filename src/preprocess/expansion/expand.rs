@@ -13,7 +13,8 @@ use super::scouts::Scouts;
 use super::shots::Shot;
 use super::tone::{self, Banterle, Landis};
 use super::{
-    Expansion, Inputs, Options, Origin, Places, Report, ShotPictures, Strategy, Transfer, exposure, places, registration,
+    Expansion, Inputs, Options, Origin, Places, Report, ShotPictures, Strategy, Transfer, exposure, places,
+    registration,
 };
 use crate::compare::luminance;
 use crate::scene::Picture;
@@ -25,8 +26,8 @@ const PICTURE_FACE: u32 = 512;
 const UNLIKE: f32 = 0.25;
 /// More of them than this share in no shot deserve one too.
 const UNSEEN: f32 = 0.25;
-/// A photo of which more than this share is as bright as its brightest pixel was clipped when it was taken.
-const CLIPPED_PHOTO: f32 = 0.002;
+/// A photo whose brightest pixel is less than this many times the cloud's white can expand nothing.
+const LEAST_RANGE: f32 = 1.5;
 /// Exponent of Landis' ramp.
 const LANDIS_ALPHA: f32 = 2.0;
 
@@ -83,9 +84,10 @@ impl Run<'_> {
             None if self.options.strategy == Strategy::PatchMatch => {
                 wrong("patchmatch needs an HDR photo; without one there are landis, banterle and network".into())
             }
-            Some(photo) if photo.width < least || photo.height < least => {
-                wrong(format!("the photo has {}x{} pixels; a patch alone has {least}x{least}", photo.width, photo.height))
-            }
+            Some(photo) if photo.width < least || photo.height < least => wrong(format!(
+                "the photo has {}x{} pixels; a patch alone has {least}x{least}",
+                photo.width, photo.height
+            )),
             Some(photo) if photo.rgb.iter().all(|&c| luminance(c) <= 0.0) => {
                 wrong("the photo is all black: it tells nothing about light".into())
             }
@@ -115,11 +117,10 @@ impl Run<'_> {
         self.report.alpha = Some(exposure.alpha);
         self.report.exposure = Some(exposure);
         let brightest = photo.rgb.iter().map(|c| c.max_element()).fold(0.0, f32::max);
-        let clipped = photo.rgb.iter().filter(|c| c.max_element() >= 0.999 * brightest).count();
-        if clipped as f32 > CLIPPED_PHOTO * photo.rgb.len() as f32 {
+        if brightest * self.report.alpha.unwrap_or(1.0) < LEAST_RANGE {
             self.report.warnings.push(format!(
-                "{clipped} pixels of the photo are as bright as its brightest, {brightest}: it seems to be clipped itself, \
-                 and lights cannot become brighter than it knows"
+                "the photo's brightest is {:.2} times the white of the cloud: it has no more range than the cloud",
+                brightest * self.report.alpha.unwrap_or(1.0)
             ));
         }
         Ok(())
@@ -202,7 +203,8 @@ impl Run<'_> {
         for index in 0..count {
             let eye = self.report.shots[index];
             let shot = self.timed("shots", |run| Shot::take(cloud, eye, run.options.shot_size));
-            let faces = self.timed("expansion", |run| run.expand_shot(&shot, over, exposed.as_ref(), network, index))?;
+            let faces =
+                self.timed("expansion", |run| run.expand_shot(&shot, over, exposed.as_ref(), network, index))?;
             self.timed("projection", |_| gathered.add(cloud, &shot, &faces));
             costs.extend(faces.iter().flat_map(|face| face.costs.iter().copied().filter(|cost| cost.is_finite())));
             if self.options.pictures {
@@ -384,11 +386,10 @@ fn shot_pictures(inputs: Inputs, over: &[bool], shot: &Shot, faces: &[Expanded])
         true => faces[place.0].colors[place.1],
         false => color(place),
     });
-    let size = inputs.photo.map_or(Vec2::ONE, |photo| Vec2::new(photo.width as f32, photo.height as f32));
     let matched = picture(&|place| {
         let face = &faces[place.0];
         match face.places.get(place.1).filter(|_| is_over(place) && face.costs[place.1].is_finite()) {
-            Some(found) => (*found / size).clamp(Vec2::ZERO, Vec2::ONE).extend(face.costs[place.1].min(1.0)),
+            Some(found) => found.clamp(Vec2::ZERO, Vec2::ONE).extend(face.costs[place.1].min(1.0)),
             None => Vec3::splat(0.2 * luminance(color(place)).min(1.0)),
         }
     });

@@ -14,7 +14,18 @@ const BORDER: u32 = 2;
 /// The coarsest level of a face is at most this wide: a patch then covers half of what the eye sees on one side.
 const COARSEST: u32 = 16;
 
-/// Levels of a pyramid over a face.
+/// Faces and photos are matched at the first of their pyramid's levels that is no larger than this. Finer ones tell
+/// nothing more about lights, and dilute what tells a lamp from a window.
+const MATCHED: u32 = 512;
+/// The same for the longer side of the photo, which shows less of the place.
+const MATCHED_PHOTO: u32 = 1024;
+
+/// Halvings that bring a side down to `most`.
+fn halvings(side: u32, most: u32) -> u32 {
+    (0..32).find(|&n| side.div_ceil(1 << n) <= most).unwrap_or(0)
+}
+
+/// Levels of the pyramids over a face that is matched at `size`, and over the photo.
 fn levels(size: u32) -> usize {
     (size.max(COARSEST) / COARSEST).ilog2() as usize + 1
 }
@@ -29,14 +40,30 @@ pub(super) struct Exposed {
 
 impl Exposed {
     pub(super) fn new(photo: &Picture, alpha: f32, shot_size: u32) -> Self {
-        let texel = |x, y| ((photo.at(x, y) * alpha).min(Vec3::ONE), 1.0);
-        let clamped = Pyramid::new(photo.width, photo.height, levels(shot_size), texel);
-        Self { clamped, lights: unmixed(photo, alpha) }
+        let mut small = photo.clone();
+        for _ in 0..halvings(photo.width.max(photo.height), MATCHED_PHOTO) {
+            small = halved(&small);
+        }
+        let lights = unmixed(&small, alpha);
+        let texel = |x, y| ((small.at(x, y) * alpha).min(Vec3::ONE), 1.0);
+        let count = levels(shot_size >> halvings(shot_size, MATCHED));
+        Self { clamped: Pyramid::new(small.width, small.height, count, texel), lights }
     }
 
     pub(super) fn size(&self) -> UVec2 {
         UVec2::new(self.lights.width, self.lights.height)
     }
+}
+
+/// Means of 2 x 2 pixels; a last odd row or column is left out.
+fn halved(picture: &Picture) -> Picture {
+    let (width, height) = ((picture.width / 2).max(1), (picture.height / 2).max(1));
+    let mean = |n: u32| {
+        let (x, y) = (2 * (n % width), 2 * (n / width));
+        let (right, below) = ((x + 1).min(picture.width - 1), (y + 1).min(picture.height - 1));
+        0.25 * (picture.at(x, y) + picture.at(right, y) + picture.at(x, below) + picture.at(right, below))
+    };
+    Picture { width, height, rgb: (0..width * height).into_par_iter().map(mean).collect() }
 }
 
 /// How far a pixel on the rim of a light looks for one inside of it.
@@ -65,13 +92,15 @@ fn unmixed(photo: &Picture, alpha: f32) -> Picture {
     Picture { width: photo.width, height: photo.height, rgb: (0..photo.rgb.len()).into_par_iter().map(value).collect() }
 }
 
-/// A face with what lies around it, as wide as patches of the coarsest level reach; (pyramid, pixels around the face).
+/// A face with what lies around it, as wide as patches of the coarsest level reach, from the level that is matched on;
+/// (pyramid, pixels of that level around the face).
 fn face_pyramid(cloud: &Cloud, shot: &Shot, face: usize) -> (Pyramid, u32) {
-    let count = levels(shot.size);
+    let skipped = halvings(shot.size, MATCHED);
+    let count = levels(shot.size >> skipped);
     let around = (RADIUS as u32) << (count - 1);
-    let side = shot.size + 2 * around;
+    let side = shot.size + 2 * (around << skipped);
     let texel = |x: u32, y: u32| {
-        let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - around as f32;
+        let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - (around << skipped) as f32;
         let (face, at) = project(direction(face, at, shot.size), shot.size);
         let pixel = at.min(Vec2::splat(shot.size as f32 - 1.0)).as_uvec2();
         match shot.faces[face].point[(pixel.y * shot.size + pixel.x) as usize] {
@@ -79,7 +108,9 @@ fn face_pyramid(cloud: &Cloud, shot: &Shot, face: usize) -> (Pyramid, u32) {
             point => (cloud.colors[point as usize].min(Vec3::ONE), 1.0),
         }
     };
-    (Pyramid::new(side, side, count, texel), around)
+    let mut pyramid = Pyramid::new(side, side, count + skipped as usize, texel);
+    pyramid.levels.drain(..skipped as usize);
+    (pyramid, around)
 }
 
 /// A match of no cost would count for everything.
@@ -94,19 +125,31 @@ pub(super) fn expand(
     seed: u64,
 ) -> (Expanded, u64) {
     let (pyramid, around) = face_pyramid(cloud, shot, face);
+    let shrink = halvings(shot.size, MATCHED);
+    let side = shot.size.div_ceil(1 << shrink);
+    let mut small = vec![false; (side * side) as usize];
+    let of = |pixel: usize| {
+        let (x, y) = (pixel as u32 % shot.size, pixel as u32 / shot.size);
+        ((y >> shrink) * side + (x >> shrink)) as usize
+    };
+    for pixel in (0..wanted.len()).filter(|&n| wanted[n]) {
+        small[of(pixel)] = true;
+    }
     let options = patchmatch::Options { seed: seed.wrapping_add(face as u64), ..patchmatch::Options::default() };
-    let field = patchmatch::search((&pyramid, around, (shot.size, shot.size)), &photo.clamped, wanted, &options);
+    let field = patchmatch::search((&pyramid, around, (side, side)), &photo.clamped, &small, &options);
     let last = (photo.size() - 1).as_vec2();
-    let found = |found: &patchmatch::Match| {
+    let value = |found: &patchmatch::Match| {
         if found.cost > match_threshold {
             return (Vec3::ZERO, 0.0);
         }
         let at = found.at.round().clamp(Vec2::ZERO, last).as_uvec2();
         (photo.lights.at(at.x, at.y), 1.0 / (found.cost + LEAST_COST))
     };
-    let (colors, weights) = field.matches.par_iter().map(found).unzip();
-    let costs = field.matches.iter().map(|found| found.cost).collect();
-    let places = field.matches.iter().map(|found| found.at).collect();
+    let found = |pixel: usize| &field.matches[of(pixel)];
+    let (colors, weights) = (0..wanted.len()).into_par_iter().map(|pixel| value(found(pixel))).unzip();
+    let costs = (0..wanted.len()).map(|pixel| found(pixel).cost).collect();
+    let size = photo.size().as_vec2();
+    let places = (0..wanted.len()).map(|pixel| (found(pixel).at + 0.5) / size).collect();
     (Expanded { colors, weights, costs, places }, field.compared)
 }
 

@@ -14,7 +14,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
-use super::pyramid::Pyramid;
+use super::pyramid::{Level, Pyramid};
 
 /// Half the side of a patch, without its centre: 7 x 7 pixels.
 pub const RADIUS: i32 = 3;
@@ -22,6 +22,14 @@ pub const RADIUS: i32 = 3;
 pub const SIDE: usize = 2 * RADIUS as usize + 1;
 /// Rows that one task works on.
 const BAND: usize = 16;
+/// The finest levels, this many, hold nearly all pixels and start from what coarser ones found: one pass, guesses near by,
+/// and none for flat patches.
+const FINE_LEVELS: usize = 2;
+/// First window of guesses on them, as a share of the second image.
+const NEAR: f32 = 1.0 / 16.0;
+/// Patches whose texels differ by less than this tell nothing about where they belong: they follow the coarser level and
+/// their neighbours.
+const FLAT: f32 = 1e-3;
 /// What a level counts for against the next finer one.
 const CONTEXT: f32 = 0.7;
 /// Share of a patch that must be valid on both sides with [`Measure::AnyGain`].
@@ -122,12 +130,18 @@ pub fn search(
             false => 0.0,
         };
         let weights = (0..mask.set.len()).into_par_iter().map(weight_of).collect();
-        let task = Task { first, second, level, coarsest, offset, mask, weights, options: *options };
+        let is_searched = |n: usize| {
+            let (x, y) = (n as u32 % mask.width, n as u32 / mask.width);
+            mask.set[n]
+                && (level >= FINE_LEVELS.min(coarsest) || !is_flat(&first.levels[level], x + offset, y + offset))
+        };
+        let searched = (0..mask.set.len()).into_par_iter().map(is_searched).collect();
+        let task = Task { first, second, level, coarsest, offset, mask, searched, weights, options: *options };
         let mut matches = match field {
             None => task.guess(&mut compared),
             Some(above) => task.refine(&above, &masks[level + 1], &mut compared),
         };
-        for pass in 0..options.passes {
+        for pass in 0..if task.is_fine() { 1 } else { options.passes } {
             matches = task.pass(pass, &matches, &mut compared);
         }
         field = Some(matches);
@@ -167,6 +181,8 @@ struct Task<'a> {
     /// Pixels of context before the first pixel, at this level.
     offset: u32,
     mask: &'a Mask,
+    /// Those pixels of the mask whose patch tells more than the coarser level's did.
+    searched: Vec<bool>,
     /// [`weight`] of every pixel that is asked for.
     weights: Vec<f32>,
     options: Options,
@@ -215,10 +231,10 @@ impl Task<'_> {
             // A pixel's centre lies a quarter of the coarser pixel away from its centre.
             let off = Vec2::new(x as f32, y as f32) * 0.5 + 0.25 - 0.5 - Vec2::new((x / 2) as f32, (y / 2) as f32);
             let at = (from.at + from.step().rotate(off) + 0.5) * 2.0 - 0.5;
-            let mut best = Match { cost: NONE, ..Match::default() };
             let level = &self.second.levels[self.level];
             let most = Vec2::new(level.width as f32, level.height as f32) - 0.5;
             let at = at.clamp(Vec2::splat(-0.5), most);
+            let mut best = Match { cost: NONE, ..Match::default() };
             self.take_better(x, y, Match { at, ..from }, &mut best, count);
             best
         })
@@ -258,7 +274,9 @@ impl Task<'_> {
                     if let Some(near) = near {
                         self.spread(x, y, (near, Vec2::new(0.0, step)), &mut best, &mut count);
                     }
-                    self.guess_around(x, y, pass, &mut best, &mut count);
+                    if self.searched[y * width + x] {
+                        self.guess_around(x, y, pass, &mut best, &mut count);
+                    }
                     rows[n] = best;
                 }
                 count
@@ -266,6 +284,10 @@ impl Task<'_> {
             .collect();
         *compared += counts.iter().sum::<u64>();
         after
+    }
+
+    fn is_fine(&self) -> bool {
+        self.level < FINE_LEVELS.min(self.coarsest)
     }
 
     fn spread(&self, x: usize, y: usize, (near, step): (Match, Vec2), best: &mut Match, count: &mut u64) {
@@ -281,7 +303,7 @@ impl Task<'_> {
         let level = &self.second.levels[self.level];
         let all = level.width.max(level.height) as f32;
         let most = self.options.largest_scale.log2();
-        let mut share = 1.0_f32;
+        let mut share = if self.is_fine() { NEAR } else { 1.0 };
         while share * all > 0.2 {
             let mut around = |reach: f32| (2.0 * random.next() - 1.0) * reach * share;
             let at = best.at + Vec2::new(around(all), around(all));
@@ -385,6 +407,14 @@ fn weight(first: &Pyramid, (level, coarsest): (usize, usize), x: u32, y: u32) ->
         texels.map(|texel| texel.w).sum::<f32>() * CONTEXT.powi(shrink as i32)
     };
     (level..=coarsest).map(of_level).sum::<f32>() / (SIDE * SIDE) as f32
+}
+
+/// True where all texels of a patch are alike.
+fn is_flat(level: &Level, x: u32, y: u32) -> bool {
+    let (column, row) = (x as i32, y as i32);
+    let middle = level.texel(column, row);
+    let texels = (-RADIUS..=RADIUS).flat_map(|dy| level.row(column - RADIUS, row + dy, SIDE));
+    texels.into_iter().all(|texel| (*texel - middle).abs().max_element() < FLAT)
 }
 
 /// Numbers from 0 to 1 (Vigna's SplitMix64, 2015).

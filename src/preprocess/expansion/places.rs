@@ -1,16 +1,21 @@
 //! Where shots are taken from, when nobody says: the paper leaves this to a person ("from the best positions, i.e. to
 //! see the most important over-exposed areas"). Places are chosen greedily, each for what it adds to those before it.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::scouts::{Scouts, Sketch};
+use crate::preprocess::neighbours::bounds;
 use crate::scene::Cloud;
 
 /// Over-exposed points that places are judged by, at most.
 const SAMPLES: usize = 4096;
 /// A point hidden by less than this share of its distance is seen: scouts are coarse.
 const HIDDEN: f32 = 0.06;
+/// Cells along the longest side of the cloud, for telling lights apart.
+const CELLS: f32 = 48.0;
 /// Distance, as a share of the median one to all places, from which nearness gains nothing more.
 const NEAR: f32 = 0.5;
 
@@ -26,10 +31,11 @@ pub(super) fn choose(cloud: &Cloud, scouts: &Scouts, over: &[bool], count: usize
     }
     let middle = distances.len() / 2;
     let near = NEAR * *distances.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let shares = shares(&samples.iter().map(|&n| cloud.positions[n]).collect::<Vec<_>>(), cloud);
     let views: Vec<Vec<f32>> = scouts
         .sketches
         .par_iter()
-        .map(|sketch| samples.iter().map(|&n| worth(sketch, cloud, n, near)).collect())
+        .map(|sketch| samples.iter().zip(&shares).map(|(&n, share)| share * worth(sketch, cloud, n, near)).collect())
         .collect();
     let mut best = vec![0.0_f32; samples.len()];
     let mut chosen: Vec<usize> = Vec::new();
@@ -45,6 +51,36 @@ pub(super) fn choose(cloud: &Cloud, scouts: &Scouts, over: &[bool], count: usize
         chosen.push(next);
     }
     chosen.into_iter().map(|n| scouts.sketches[n].eye).collect()
+}
+
+/// What a sample counts for: one over the number of samples of its light, so that a lamp of a few hundred points counts
+/// for as much as a window of thousands. Samples belong to one light where cells of a grid touch.
+fn shares(samples: &[Vec3], cloud: &Cloud) -> Vec<f32> {
+    let (low, high) = bounds(&cloud.positions);
+    let cell = (high - low).max_element().max(f32::MIN_POSITIVE) / CELLS;
+    let key = |position: Vec3| ((position - low) / cell).as_ivec3();
+    let mut lights: BTreeMap<[i32; 3], usize> = BTreeMap::new();
+    for &sample in samples {
+        lights.insert(key(sample).to_array(), usize::MAX);
+    }
+    let cells: Vec<[i32; 3]> = lights.keys().copied().collect();
+    let mut count = 0;
+    for start in cells {
+        let mut open = vec![start];
+        while let Some(cell) = open.pop() {
+            match lights.get_mut(&cell) {
+                Some(light) if *light == usize::MAX => *light = count,
+                _ => continue,
+            }
+            let steps = (0..27).map(|n| [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1]);
+            open.extend(steps.map(|step: [i32; 3]| [0, 1, 2].map(|axis| cell[axis] + step[axis])));
+        }
+        count += 1;
+    }
+    let light_of: Vec<usize> = samples.iter().map(|&sample| lights[&key(sample).to_array()]).collect();
+    let mut sizes = vec![0_u32; count];
+    light_of.iter().for_each(|&light| sizes[light] += 1);
+    light_of.into_iter().map(|light| 1.0 / sizes[light] as f32).collect()
 }
 
 /// How well a place sees a point, 0 to 1: from near, from in front, and at all.

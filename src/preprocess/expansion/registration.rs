@@ -12,18 +12,18 @@ use crate::compare::luminance;
 use crate::scene::{Cloud, Picture};
 
 /// Vertical fields of view that are tried first, degrees: long side 28 to 100.
-const FIELDS: [f32; 6] = [30.0, 38.0, 47.0, 57.0, 68.0, 80.0];
+const FIELDS: [f32; 5] = [30.0, 40.0, 52.0, 65.0, 80.0];
 /// Turns and tilts that are tried first.
-const TURNS: u32 = 40;
-const TILTS: [f32; 7] = [-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0];
-/// Longer side of the photo in pixels: in the first search, and in the two refinements.
-const SIDES: [u32; 4] = [28, 40, 72, 144];
-/// Points of the cloud in the two refinements.
-const POINTS: [usize; 3] = [12_000, 40_000, 150_000];
+const TURNS: u32 = 32;
+const TILTS: [f32; 5] = [-50.0, -25.0, 0.0, 25.0, 50.0];
+/// Longer side of the photo in pixels: in the first search, and in the refinements.
+const SIDES: [u32; 4] = [24, 32, 64, 128];
+/// Points of the cloud in the refinements.
+const POINTS: [usize; 3] = [8_000, 25_000, 100_000];
 /// Views that are left after each.
-const LEFT: [usize; 3] = [4, 1, 1];
+const LEFT: [usize; 3] = [2, 1, 1];
 /// Views that are refined.
-const REFINED: usize = 16;
+const REFINED: usize = 12;
 /// Differences are cut off at this many stops: a wrong surface is wrong, however wrong.
 const CUT: f32 = 1.0;
 /// Nothing counts as darker.
@@ -71,7 +71,9 @@ impl Small {
         let longer = photo.width.max(photo.height);
         let shrunk = |length: u32| ((length * side.min(longer)) as f32 / longer as f32).round().max(1.0) as u32;
         let size = [shrunk(photo.width), shrunk(photo.height)];
-        let range = |n: u32, count: u32, length: u32| n * length / count..((n + 1) * length / count).max(n * length / count + 1);
+        let range = |n: u32, count: u32, length: u32| {
+            n * length / count..((n + 1) * length / count).max(n * length / count + 1)
+        };
         let mean = |n: u32| {
             let (columns, rows) = (range(n % size[0], size[0], photo.width), range(n / size[0], size[1], photo.height));
             let count = (columns.len() * rows.len()) as f32;
@@ -113,18 +115,14 @@ fn misfit(photo: &Small, seen: impl Fn(u32) -> Option<Vec3>) -> (f32, f32) {
 }
 
 /// Finds the photo in the cloud; `None` where it shows something else or too little.
-pub(crate) fn register(cloud: &Cloud, scouts: &Scouts, photo: &Picture) -> Option<Registration> {
+pub(super) fn register(cloud: &Cloud, scouts: &Scouts, photo: &Picture) -> Option<Registration> {
     let mut views = first_views(scouts, &Small::new(photo, SIDES[0]));
-    if std::env::var_os("DEBUG").is_some() { for v in &views { println!("{v:?}"); } }
     for (level, &points) in POINTS.iter().enumerate() {
-        let now = std::time::Instant::now();
-        let (thin, _) = thinned(cloud, points);
+        let thin = thinned(cloud, points);
         let small = Small::new(photo, SIDES[level + 1]);
         views = views.into_par_iter().map(|(_, view)| refine(&thin, &small, view, level)).collect();
         views.sort_by(|a, b| a.0.total_cmp(&b.0));
-        if std::env::var_os("DEBUG").is_some() { for v in &views { println!("level {level} {v:?}"); } }
         views.truncate(LEFT[level]);
-        if std::env::var_os("DEBUG").is_some() { println!("{:?}", now.elapsed()); }
     }
     let (_, view) = *views.first()?;
     agreement(cloud, photo, &view)
@@ -182,7 +180,7 @@ fn cost(cloud: &Cloud, photo: &Small, view: &View) -> (f32, f32) {
 
 /// Downhill simplex (Nelder and Mead 1965).
 fn refine(cloud: &Cloud, photo: &Small, start: View, level: usize) -> (f32, View) {
-    const EVALUATIONS: [u32; 3] = [200, 150, 100];
+    const EVALUATIONS: [u32; 3] = [140, 120, 60];
     let size = crate::preprocess::neighbours::bounds(&cloud.positions);
     let extent = (size.1 - size.0).length();
     let reach = [0.5_f32, 0.1, 0.02][level];
@@ -260,11 +258,13 @@ fn agreement(cloud: &Cloud, photo: &Picture, view: &View) -> Option<Registration
     }
     let same = stops.iter().filter(|s| (**s - rough).abs() < AGREES).count();
     let agreement = same as f32 / small.colors.len() as f32;
-    if stops.is_empty() { return None; }
+    if stops.is_empty() {
+        return None;
+    }
     let middle = stops.len() / 2;
     let gain = *stops.select_nth_unstable_by(middle, f32::total_cmp).1;
     let fov_y = 2.0 * view[6].exp().atan();
-    let found = Registration { eye: pane.eye, angles: [view[3], view[4], view[5]], fov_y, agreement, alpha: gain.exp2() };
-    if std::env::var_os("DEBUG").is_some() { println!("{found:?}"); }
+    let found =
+        Registration { eye: pane.eye, angles: [view[3], view[4], view[5]], fov_y, agreement, alpha: gain.exp2() };
     (agreement >= LEAST_AGREEMENT).then_some(found)
 }

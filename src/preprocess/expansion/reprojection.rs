@@ -14,7 +14,7 @@ pub(super) struct Expanded {
     pub(super) weights: Vec<f32>,
     /// What a match cost, with PatchMatch; infinite where there is none. Else empty.
     pub(super) costs: Vec<f32>,
-    /// Where in the photo it lies. Else empty.
+    /// Where in the photo it lies, 0 to 1 from its left and its top. Else empty.
     pub(super) places: Vec<Vec2>,
 }
 
@@ -64,7 +64,8 @@ impl Gathered {
             let Some((face, pixel)) = shot.sees(cloud.positions[point], cloud.spacing[point]) else { return };
             sum.seen += 1;
             let (color, weight) = (faces[face].colors[pixel], faces[face].weights[pixel]);
-            if weight > 0.0 && (color.min(Vec3::ONE) - cloud.colors[point].min(Vec3::ONE)).abs().max_element() < AGREES {
+            if weight > 0.0 && (color.min(Vec3::ONE) - cloud.colors[point].min(Vec3::ONE)).abs().max_element() < AGREES
+            {
                 sum.color += color * weight;
                 sum.weight += weight;
             }

@@ -18,10 +18,8 @@ const SIZE: u32 = 48;
 const SURROUNDED: f32 = 0.35;
 
 /// The thinned cloud with cubemaps of it.
-pub(crate) struct Scouts {
+pub(super) struct Scouts {
     pub(super) cloud: Cloud,
-    /// Index in the whole cloud of every point of the thinned one.
-    pub(super) sources: Vec<u32>,
     pub(super) sketches: Vec<Sketch>,
 }
 
@@ -90,35 +88,33 @@ pub(super) fn sketch(cloud: &Cloud, pane: &Pane) -> Vec<(f32, u32)> {
     front
 }
 
-/// Every n-th point along a space-filling curve, and which ones: about `points` of them. Each stands for n.
-pub(super) fn thinned(cloud: &Cloud, points: usize) -> (Cloud, Vec<u32>) {
+/// Every n-th point along a space-filling curve, about `points` of them. Each stands for n.
+pub(super) fn thinned(cloud: &Cloud, points: usize) -> Cloud {
     let step = cloud.len().div_ceil(points.max(1)).max(1);
     let order = spatial_order(&cloud.positions);
     let sources: Vec<u32> = order.iter().skip(step / 2).step_by(step).map(|&(_, _, index)| index).collect();
     let growth = (step as f32).sqrt();
     let pick = |from: &[Vec3]| sources.iter().map(|&n| from[n as usize]).collect();
-    let thin = Cloud {
+    Cloud {
         positions: pick(&cloud.positions),
         colors: pick(&cloud.colors),
         normals: pick(&cloud.normals),
         spacing: sources.iter().map(|&n| cloud.spacing[n as usize] * growth).collect(),
         ..Cloud::default()
-    };
-    (thin, sources)
+    }
 }
 
 impl Scouts {
     /// Places on a grid over the cloud's box that see the cloud in many directions and do not touch it.
-    pub(crate) fn send(whole: &Cloud) -> Self {
-        let (cloud, sources) = thinned(whole, POINTS);
-        let mut sketches: Vec<Sketch> =
-            places(&cloud).into_par_iter().map(|eye| Sketch::take(&cloud, eye)).collect();
+    pub(super) fn send(whole: &Cloud) -> Self {
+        let cloud = thinned(whole, POINTS);
+        let mut sketches: Vec<Sketch> = places(&cloud).into_par_iter().map(|eye| Sketch::take(&cloud, eye)).collect();
         // Where no place is surrounded, as in a scan from one side, the more surrounded half will do.
         let mut shares: Vec<f32> = sketches.iter().map(Sketch::surrounded).collect();
         shares.sort_unstable_by(f32::total_cmp);
         let least = shares.get(shares.len() / 2).copied().unwrap_or(0.0).min(SURROUNDED);
         sketches.retain(|sketch| sketch.surrounded() >= least);
-        Self { cloud, sources, sketches }
+        Self { cloud, sketches }
     }
 }
 
