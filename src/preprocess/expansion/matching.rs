@@ -113,7 +113,7 @@ fn face_pyramid(cloud: &Cloud, shot: &Shot, face: usize) -> (Pyramid, u32) {
     (pyramid, around)
 }
 
-/// A match of no cost would count for everything.
+/// Matches count by the inverse square of their cost; one of no cost would count for everything.
 const LEAST_COST: f32 = 0.05;
 
 /// Expands the pixels of a face that are wanted; (expanded face, patches that were compared).
@@ -143,7 +143,7 @@ pub(super) fn expand(
             return (Vec3::ZERO, 0.0);
         }
         let at = found.at.round().clamp(Vec2::ZERO, last).as_uvec2();
-        (photo.lights.at(at.x, at.y), 1.0 / (found.cost + LEAST_COST))
+        (photo.lights.at(at.x, at.y), 1.0 / (found.cost + LEAST_COST).powi(2))
     };
     let found = |pixel: usize| &field.matches[of(pixel)];
     let (colors, weights) = (0..wanted.len()).into_par_iter().map(|pixel| value(found(pixel))).unzip();

@@ -16,8 +16,9 @@ const SAMPLES: usize = 4096;
 const HIDDEN: f32 = 0.06;
 /// Cells along the longest side of the cloud, for telling lights apart.
 const CELLS: f32 = 48.0;
-/// Distance, as a share of the median one to all places, from which nearness gains nothing more.
-const NEAR: f32 = 0.5;
+/// The best distance, as a share of the median one from all places: from farther away lights are small, from nearer their
+/// surroundings are out of sight, and a lamp looks like a window.
+const BEST_DISTANCE: f32 = 0.8;
 
 /// Up to `count` places, best first; fewer where more would add nothing.
 pub(super) fn choose(cloud: &Cloud, scouts: &Scouts, over: &[bool], count: usize) -> Vec<Vec3> {
@@ -30,7 +31,7 @@ pub(super) fn choose(cloud: &Cloud, scouts: &Scouts, over: &[bool], count: usize
         return Vec::new();
     }
     let middle = distances.len() / 2;
-    let near = NEAR * *distances.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let near = BEST_DISTANCE * *distances.select_nth_unstable_by(middle, f32::total_cmp).1;
     let shares = shares(&samples.iter().map(|&n| cloud.positions[n]).collect::<Vec<_>>(), cloud);
     let views: Vec<Vec<f32>> = scouts
         .sketches
@@ -83,7 +84,7 @@ fn shares(samples: &[Vec3], cloud: &Cloud) -> Vec<f32> {
     light_of.into_iter().map(|light| 1.0 / sizes[light] as f32).collect()
 }
 
-/// How well a place sees a point, 0 to 1: from near, from in front, and at all.
+/// How well a place sees a point, 0 to 1: from a good distance, from in front, and at all.
 fn worth(sketch: &Sketch, cloud: &Cloud, point: usize, near: f32) -> f32 {
     let to = cloud.positions[point] - sketch.eye;
     let distance = to.length();
@@ -94,5 +95,6 @@ fn worth(sketch: &Sketch, cloud: &Cloud, point: usize, near: f32) -> f32 {
         return 0.0;
     }
     let cosine = -to.dot(cloud.normals[point]) / distance;
-    cosine.max(0.0) / (1.0 + (distance / near).powi(2))
+    let relative = distance / near;
+    cosine.max(0.0) * 2.0 * relative.powi(2) / (1.0 + relative.powi(4))
 }
