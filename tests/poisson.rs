@@ -73,7 +73,7 @@ impl Scene {
 
     fn problem(&self) -> Problem<'_> {
         let (positions, low, unknown) = (&self.positions, &self.low, &self.unknown);
-        Problem { positions, low, unknown, neighbours: DEFAULT_NEIGHBOURS }
+        Problem { positions, low, unknown, silent: &[], neighbours: DEFAULT_NEIGHBOURS }
     }
 
     fn unknowns(&self) -> impl Iterator<Item = usize> + '_ {

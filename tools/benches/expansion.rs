@@ -30,7 +30,8 @@ fn poisson(criterion: &mut Criterion) {
     let unknown: Vec<bool> = (0..SIDE * SIDE).map(|at| inside(at % SIDE) && inside(at / SIDE)).collect();
     let low: Vec<Vec3> = positions.iter().map(|p| Vec3::splat((9.0 * p.x).sin() * (7.0 * p.z).cos())).collect();
     let high: Vec<Vec3> = positions.iter().map(|p| *p + 2.0).collect();
-    let problem = Problem { positions: &positions, low: &low, unknown: &unknown, neighbours: DEFAULT_NEIGHBOURS };
+    let problem =
+        Problem { positions: &positions, low: &low, unknown: &unknown, silent: &[], neighbours: DEFAULT_NEIGHBOURS };
 
     let mut group = criterion.benchmark_group("poisson");
     group.sample_size(10);

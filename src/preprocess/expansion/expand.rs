@@ -220,7 +220,7 @@ impl Run<'_> {
             )));
         }
         self.warn();
-        self.finish(&gathered, expansion)
+        self.finish(over, &gathered, expansion)
     }
 
     fn warn(&mut self) {
@@ -242,7 +242,7 @@ impl Run<'_> {
     }
 
     /// What a point gets, and what its neighbours must tell.
-    fn finish(&mut self, gathered: &Gathered, expansion: &mut Expansion) -> Result<()> {
+    fn finish(&mut self, over: &[bool], gathered: &Gathered, expansion: &mut Expansion) -> Result<()> {
         let cloud = self.inputs.cloud;
         let transfer = if self.options.strategy.knows_colors() { self.options.transfer } else { Transfer::Luminance };
         let mut unknown = vec![false; cloud.len()];
@@ -260,10 +260,14 @@ impl Run<'_> {
                 None => unknown[point] = true,
             }
         }
+        // Deviation from Sabbadin 2019, Eq. 2: well-exposed points are no boundary. The LDR gradient from a clipped point to
+        // the wall beside it is not the HDR one, only a lower bound; a lamp's rim would come out at half of its light.
+        let silent: Vec<bool> = over.iter().map(|over| !over).collect();
         let problem = Problem {
             positions: &cloud.positions,
             low: &cloud.colors,
             unknown: &unknown,
+            silent: &silent,
             neighbours: self.options.neighbours,
         };
         let solved = self.timed("poisson", |run| {

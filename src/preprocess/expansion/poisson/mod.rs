@@ -38,6 +38,8 @@ pub struct Problem<'a> {
     pub low: &'a [Vec3],
     /// Omega: whether the HDR colour of each is to be found.
     pub unknown: &'a [bool],
+    /// Known points that tell nothing about unknown ones, and are left out of Eq. 2; empty where all count.
+    pub silent: &'a [bool],
     /// k: how many nearest points are a point's neighbours, 1 to [`MOST_NEIGHBOURS`].
     pub neighbours: usize,
 }
@@ -98,7 +100,8 @@ impl Problem<'_> {
         let points = self.positions.len();
         let lengths =
             [("LDR colours", self.low.len()), ("HDR colours", high.len()), ("unknown flags", self.unknown.len())];
-        if let Some((name, len)) = lengths.iter().find(|(_, len)| *len != points) {
+        let lengths = lengths.into_iter().chain((!self.silent.is_empty()).then(|| ("silent flags", self.silent.len())));
+        if let Some((name, len)) = lengths.clone().find(|(_, len)| *len != points) {
             return Err(Error::Argument(format!("Poisson: {len} {name} for {points} points; give one each")));
         }
         if !(1..=MOST_NEIGHBOURS).contains(&self.neighbours) {
@@ -136,6 +139,7 @@ impl Problem<'_> {
         let search = Search {
             positions: self.positions,
             sites: &sites,
+            silent: self.silent,
             neighbours: self.neighbours,
             value: |point: usize| {
                 let (high, low) = (channels(known[point]), channels(self.low[point]));

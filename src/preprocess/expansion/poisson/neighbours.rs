@@ -70,6 +70,8 @@ impl Sites {
 pub(super) struct Search<'a, F> {
     pub(super) positions: &'a [Vec3],
     pub(super) sites: &'a Sites,
+    /// Known points that are passed over; empty where none are.
+    pub(super) silent: &'a [bool],
     /// Neighbours of a site: this many distinct positions, or all where there are fewer.
     pub(super) neighbours: usize,
     /// Value of a known point.
@@ -140,6 +142,7 @@ impl<F> Search<'_, F> {
                 found += 1;
                 reach = reach.max(places.position(near).distance(places.position(at)));
                 match self.known_value(places.runs[near]) {
+                    Some(_) if self.is_silent(places.runs[near]) => {}
                     Some(value) => {
                         end.known += 1;
                         end.sum = std::array::from_fn(|c| end.sum[c] + value[c]);
@@ -172,6 +175,11 @@ impl<F> Search<'_, F> {
         let mut at_sites = vec![KNOWN; self.sites.positions.len()];
         found.into_iter().for_each(|(site, at)| at_sites[site as usize] = at);
         at_sites
+    }
+
+    /// Whether no point of one position has anything to say.
+    fn is_silent(&self, run: &[Placed]) -> bool {
+        run.iter().all(|copy| self.silent.get(copy.2 as usize).copied().unwrap_or(false))
     }
 
     /// The mean value of the known ones among the points of one position, if any.
