@@ -5,6 +5,7 @@ mod bench;
 mod build;
 mod compare;
 mod demo;
+mod evaluate;
 mod expand;
 mod info;
 mod output;
@@ -40,6 +41,9 @@ enum Verb {
     Render(Box<render::Args>),
     /// Compare an image with a reference
     Compare(compare::Args),
+    /// Hold a step against the truth
+    #[command(subcommand)]
+    Evaluate(evaluate::Verb),
     /// Measure
     #[command(subcommand)]
     Bench(bench::Verb),
@@ -68,6 +72,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
         Verb::Expand(args) => expand::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Compare(args) => compare::run(&args),
+        Verb::Evaluate(verb) => evaluate::run(&verb),
         Verb::Bench(verb) => bench::run(&verb),
         Verb::Info(args) => info::run(&args),
     }

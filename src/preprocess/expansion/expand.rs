@@ -112,6 +112,10 @@ impl Run<'_> {
     /// Histograms; the registration needs scouts and comes with them.
     fn expose(&mut self) -> Result<()> {
         let Some(photo) = self.inputs.photo else { return Ok(()) };
+        if self.options.alpha.is_some() {
+            self.report.alpha = self.options.alpha;
+            return Ok(());
+        }
         let exposure = self.timed("exposure", |run| exposure::match_histograms(photo, &run.inputs.cloud.colors));
         let exposure = exposure.ok_or_else(|| Error::Argument("the photo is all black".into()))?;
         self.report.alpha = Some(exposure.alpha);
@@ -127,7 +131,7 @@ impl Run<'_> {
     }
 
     fn register(&mut self, scouts: &Scouts) {
-        let Some(photo) = self.inputs.photo else { return };
+        let Some(photo) = self.inputs.photo.filter(|_| self.options.alpha.is_none()) else { return };
         let found = self.timed("registration", |run| registration::register(run.inputs.cloud, scouts, photo));
         match found {
             Some(found) => self.report.alpha = Some(found.alpha),

@@ -108,6 +108,8 @@ pub struct Options {
     pub strategy: Strategy,
     /// What is transferred; operators that know luminance alone transfer only that.
     pub transfer: Transfer,
+    /// The photo's exposure, where it is known.
+    pub alpha: Option<f32>,
     /// Where shots are taken from.
     pub places: Places,
     /// Pixels along a side of a shot's faces.
@@ -131,6 +133,7 @@ impl Default for Options {
         Self {
             strategy: Strategy::default(),
             transfer: Transfer::default(),
+            alpha: None,
             places: Places::Auto(3),
             shot_size: 1024,
             threshold: 0.9,
