@@ -8,17 +8,20 @@ use glam::Vec3;
 use image::RgbaImage;
 use rayon::prelude::*;
 
+use super::evaluate::scenes;
 use super::stage::{self, Stage};
-use super::{render, values};
+use super::{expand, render, values};
 use crate::cli::output::say;
 use crate::compare::{self, Image, Tile, contact_sheet, difference_map, luminance, to_srgb8};
 use crate::formats::image::{ExrLayers, write_exr, write_png};
 use crate::frames::{Frame, MaterialChoice, Paper, Settings, Technique};
 use crate::gpu::{Context, ContextOptions};
+use crate::preprocess::expansion;
+use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
 use crate::reference::bake::{BakeOptions, BakedRoom};
 use crate::reference::rooms::{Rectangle, Room, toy_room};
 use crate::reference::shapes::trophy;
-use crate::scene::{Camera, Object};
+use crate::scene::{Camera, Cloud, Object};
 use crate::{Error, Result};
 
 #[derive(Debug, clap::Args)]
@@ -42,6 +45,10 @@ const TRUTH_SAMPLES: u32 = 256;
 const GREY: f32 = 0.15;
 /// Where the object stands: its own origin is in its middle.
 const PLACE: Vec3 = Vec3::new(0.0, 1.0, 0.0);
+/// Where the HDR photo is taken from: it sees the window and the lamp.
+const PHOTO: Camera = Camera { from: Vec3::new(1.7, 1.5, 2.2), at: Vec3::new(-0.2, 1.6, -1.2), fov_y: 1.1 };
+/// Pixels along a side of the shots for the expansion.
+const SHOT_SIZE: u32 = 512;
 /// What the truth is known for: name, material, and where the colours of its error maps end.
 const TRUTHS: [(&str, MaterialChoice, f32); 2] =
     [("diffuse", MaterialChoice::Diffuse(0.7), 0.2), ("metal", MaterialChoice::Metal(0.25), 0.5)];
@@ -76,6 +83,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for (name, material, range) in TRUTHS {
         tiles.extend(demo.beside_the_truth(best, name, material, range)?);
     }
+    tiles.extend(demo.from_low_range(best)?);
     let title = format!(
         "relume demo: {} points, {} nodes, {MICROBUFFER}x{MICROBUFFER} micro-buffers, {}",
         demo.stage.build.points, demo.stage.build.nodes_after, demo.context.capabilities.name
@@ -171,8 +179,14 @@ impl Demo {
     }
 
     /// Lights the object; writes `NAME.exr` and, over the backdrop, `NAME.png`.
-    fn lit(
+    fn lit(&self, name: &str, side: u32, what: (Technique, MaterialChoice, Paper)) -> Result<(Frame, RgbaImage)> {
+        self.lit_in(&self.stage.hierarchy, name, side, what)
+    }
+
+    /// The same in another hierarchy.
+    fn lit_in(
         &self,
+        hierarchy: &Hierarchy,
         name: &str,
         side: u32,
         (technique, material, paper): (Technique, MaterialChoice, Paper),
@@ -186,7 +200,7 @@ impl Demo {
             microbuffer: MICROBUFFER,
             ..Settings::default()
         };
-        let frame = stage::render(&self.context, &self.stage.hierarchy, &self.object, &self.camera, settings)?;
+        let frame = stage::render(&self.context, hierarchy, &self.object, &self.camera, settings)?;
         render::write_frame(&self.path(&format!("{name}.exr")), &frame, &self.camera, 0.0)?;
         let picture = self.in_the_room(&stage::image_of(&frame)?)?;
         self.write(&format!("{name}.png"), &picture)?;
@@ -270,6 +284,56 @@ impl Demo {
             &format!("{name}.exr, .png: path-traced, {TRUTH_SAMPLES} samples a pixel"),
         )?;
         Ok(truth)
+    }
+
+    /// The scan with the range of a camera of 8 bits, and expanded from one HDR photo of a part of the room; the object
+    /// lit by both and by the true scan.
+    fn from_low_range(&self, technique: Technique) -> Result<Vec<Tile>> {
+        let start = Instant::now();
+        let truth = &self.stage.cloud;
+        let alpha = scenes::exposure(truth);
+        let low = scenes::low(truth, alpha);
+        let photo = scenes::photo(&self.stage.baked, &PHOTO);
+        let picture = Image::opaque(photo.width, photo.height, photo.rgb.clone())?;
+        self.write("photo.png", &to_srgb8(&picture, self.stops)?)?;
+        let options = expansion::Options { shot_size: SHOT_SIZE, ..expansion::Options::default() };
+        let inputs = expansion::Inputs { cloud: &low, photo: Some(&photo), network: None };
+        let expanded = expand::with_progress(inputs, &options)?;
+        let found = expanded.report.alpha.unwrap_or_default();
+        let over = expanded.report.over_exposed;
+        tell(
+            start.elapsed().as_secs_f64(),
+            &format!("expanded {over} over-exposed points from photo.png; exposure {found:.3}, truth {alpha:.3}"),
+        )?;
+        let side = 2 * self.quarter;
+        let lit_by = |name: &str, colors: &[Vec3]| {
+            let scaled = colors.iter().map(|color| *color / alpha).collect();
+            let cloud = Cloud { colors: scaled, ..truth.clone() };
+            let (hierarchy, _) = hierarchy::build(&cloud, &BuildOptions::default())?;
+            self.lit_in(&hierarchy, name, side, (technique, MaterialChoice::Diffuse(0.7), Paper::default()))
+        };
+        let true_colors: Vec<Vec3> = truth.colors.iter().map(|color| *color * alpha).collect();
+        let (reference, reference_picture) = lit_by("range-true", &true_colors)?;
+        let reference = stage::image_of(&reference)?;
+        let mut tiles = Vec::new();
+        for (name, title, colors) in [
+            ("range-low", "low dynamic range scan", &low.colors),
+            ("range-expanded", "the same scan, expanded", &expanded.colors),
+        ] {
+            let (frame, picture) = lit_by(name, colors)?;
+            let metrics = compare::compare(&stage::image_of(&frame)?, &reference)?;
+            let caption = format!("RMS {:.4}, bias {:+.3}", metrics.relative_rms_luminance, metrics.bias);
+            say!("{:>9}  {name}: {caption} against range-true", "")?;
+            tiles.push(Tile { image: picture, title: title.into(), caption });
+        }
+        let caption = "what both are compared with".into();
+        tiles.push(Tile { image: reference_picture, title: "the true scan".into(), caption });
+        let picture = to_srgb8(&picture, self.stops)?;
+        let (width, height) = (side, side * photo.height / photo.width);
+        let picture = image::imageops::resize(&picture, width, height, image::imageops::FilterType::Triangle);
+        let caption = "photo.png, all that is known of the lights".into();
+        tiles.push(Tile { image: picture, title: "HDR photo".into(), caption });
+        Ok(tiles)
     }
 
     /// The same picture by each technique, at equal size, with times against classic's.

@@ -13,7 +13,7 @@ use crate::preprocess::hierarchy::{self, BuildOptions, BuildReport, Hierarchy};
 use crate::reference::bake::{BakeOptions, BakedRoom, bake};
 use crate::reference::gather::{Brdf, Receiver, render_reference};
 use crate::reference::rooms::Room;
-use crate::scene::{Camera, Object};
+use crate::scene::{Camera, Cloud, Object};
 use crate::{Error, Result};
 
 /// Steps of a bar over a fraction.
@@ -22,6 +22,7 @@ const STEPS: u64 = 1000;
 /// A place to stand in: its light, and the hierarchy of its scan.
 pub(super) struct Stage {
     pub(super) baked: BakedRoom,
+    pub(super) cloud: Cloud,
     pub(super) hierarchy: Hierarchy,
     pub(super) build: BuildReport,
     pub(super) bake_s: f64,
@@ -44,7 +45,7 @@ impl Stage {
         let start = Instant::now();
         let (hierarchy, build) = hierarchy::build(&cloud, &BuildOptions::default())?;
         bar.finish_and_clear();
-        Ok(Self { baked, hierarchy, build, bake_s, scan_s, build_s: start.elapsed().as_secs_f64() })
+        Ok(Self { baked, cloud, hierarchy, build, bake_s, scan_s, build_s: start.elapsed().as_secs_f64() })
     }
 
     /// The truth at the pixels of a frame: the hemisphere of each gathered in the real room, which occludes while the

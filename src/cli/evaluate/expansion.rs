@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
-use super::scenes::Scene;
+use super::scenes::{Scene, exposure, low};
 use crate::cli::output::say;
 use crate::cli::{expand, render, stage, values};
 use crate::compare::{self, Image, Metrics, Tile, contact_sheet, to_srgb8};
@@ -112,8 +112,8 @@ fn methods() -> Vec<(String, Strategy, Transfer)> {
 }
 
 fn evaluate(context: &Arc<Context>, scene: &Scene, args: &Args) -> Result<Vec<Row>> {
-    let alpha = scene.exposure();
-    let low = scene.low(alpha);
+    let alpha = exposure(&scene.truth);
+    let low = low(&scene.truth, alpha);
     let lit = Lit::new(context, scene)?;
     say!("{}: {} points, exposure {alpha:.3}", scene.name, low.len())?;
     say!(

@@ -1,7 +1,7 @@
 //! `relume evaluate`: how well a step of the pipeline does where the truth is known.
 
 mod expansion;
-mod scenes;
+pub(super) mod scenes;
 
 use clap::Subcommand;
 

@@ -67,19 +67,19 @@ impl Scene {
         let camera = Camera { from: eye, at: eye + Vec3::new(0.35, 0.3, -1.0), fov_y: 1.2 };
         Ok(Self { name: "panorama room".into(), truth, photo: photo(&baked, &camera), object_at: eye, radius: 0.5 })
     }
+}
 
-    /// The exposure at which [`CLIPS`] of the points clip.
-    pub(super) fn exposure(&self) -> f32 {
-        let mut luminances: Vec<f32> = self.truth.colors.iter().map(|&color| luminance(color)).collect();
-        let place = ((luminances.len() as f32 * (1.0 - CLIPS)) as usize).min(luminances.len() - 1);
-        1.0 / luminances.select_nth_unstable_by(place, f32::total_cmp).1.max(f32::MIN_POSITIVE)
-    }
+/// The exposure at which [`CLIPS`] of the points clip.
+pub(in crate::cli) fn exposure(truth: &Cloud) -> f32 {
+    let mut luminances: Vec<f32> = truth.colors.iter().map(|&color| luminance(color)).collect();
+    let place = ((luminances.len() as f32 * (1.0 - CLIPS)) as usize).min(luminances.len() - 1);
+    1.0 / luminances.select_nth_unstable_by(place, f32::total_cmp).1.max(f32::MIN_POSITIVE)
+}
 
-    /// What a scanner would have made of it: exposed, clamped, 8 bits.
-    pub(super) fn low(&self, alpha: f32) -> Cloud {
-        let coded = |color: &Vec3| decode_srgb8((*color * alpha).to_array().map(encode_srgb8));
-        Cloud { colors: self.truth.colors.iter().map(coded).collect(), ..self.truth.clone() }
-    }
+/// What a scanner would have made of a cloud: exposed, clamped, 8 bits.
+pub(in crate::cli) fn low(truth: &Cloud, alpha: f32) -> Cloud {
+    let coded = |color: &Vec3| decode_srgb8((*color * alpha).to_array().map(encode_srgb8));
+    Cloud { colors: truth.colors.iter().map(coded).collect(), ..truth.clone() }
 }
 
 fn baked(room: Room, texel: f32) -> Result<BakedRoom> {
@@ -98,7 +98,7 @@ fn direction(n: u32, width: u32, height: u32) -> Vec3 {
 }
 
 /// 640 x 480, four rays a pixel.
-fn photo(baked: &BakedRoom, camera: &Camera) -> Picture {
+pub(in crate::cli) fn photo(baked: &BakedRoom, camera: &Camera) -> Picture {
     let (width, height) = (640, 480);
     let pixel = |n: u32| {
         let (x, y) = (n % width, n / width);
