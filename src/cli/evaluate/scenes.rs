@@ -64,7 +64,7 @@ impl Scene {
         let size = Vec3::new(12.0, 6.0, 20.0);
         let options = PanoramaRoom { size, eye_height: eye.y, points: POINTS, seed: 1 };
         let truth = panorama_room(&panorama, &options)?;
-        let camera = Camera { from: eye, at: eye + Vec3::new(0.35, 0.3, -1.0), fov_y: 1.2 };
+        let camera = Camera { from: eye, at: eye + Vec3::new(0.45, 0.5, -1.0), fov_y: 1.45 };
         Ok(Self { name: "panorama room".into(), truth, photo: photo(&baked, &camera), object_at: eye, radius: 0.5 })
     }
 }
