@@ -2,12 +2,16 @@
 //!
 //! `cargo bench --bench expansion` prints each step's share once, then lets criterion measure.
 
+use std::f32::consts::TAU;
 use std::hint::black_box;
+use std::time::Instant;
 
-use criterion::{Criterion, criterion_group, criterion_main};
-use glam::Vec3;
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use glam::{Vec2, Vec3};
 use relume::preprocess::expansion::Transfer;
+use relume::preprocess::expansion::patchmatch::{Options, search};
 use relume::preprocess::expansion::poisson::{DEFAULT_NEIGHBOURS, Problem, solve};
+use relume::preprocess::expansion::pyramid::Pyramid;
 
 /// Numbers from 0 to 1, the same every time (Knuth's linear congruential generator).
 struct Random(u64);
@@ -48,5 +52,39 @@ fn poisson(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, poisson);
+/// Every pixel of a face of 256 x 256 in a photo of 640 x 480 that shows the same waves, turned and enlarged.
+fn patchmatch(criterion: &mut Criterion) {
+    const SIDE: u32 = 256;
+    let mut random = Random(2010);
+    let mut wave = |n: u32| {
+        let length = 7.0 * 20.0_f32.powf(n as f32 / 39.0);
+        (Vec2::from_angle(random.next() * TAU) * (TAU / length), random.next() * TAU)
+    };
+    let waves: Vec<(Vec2, f32)> = (0..40).map(&mut wave).collect();
+    let color = |place: Vec2| {
+        let of_channel = |shift: f32| waves.iter().map(|(k, phase)| (phase + shift + k.dot(place)).sin()).sum::<f32>();
+        Vec3::new(of_channel(0.0), of_channel(0.3), of_channel(0.9)) * 0.04 + 0.5
+    };
+    let place = |x: u32, y: u32| Vec2::new(x as f32, y as f32);
+    let face = Pyramid::new(SIDE, SIDE, 5, |x, y| (color(place(x, y)), 1.0));
+    let turned = |place: Vec2| Vec2::from_angle(0.4).rotate(place) * 0.6;
+    let photo = Pyramid::new(640, 480, 5, |x, y| (color(turned(place(x, y))), 1.0));
+    let wanted = vec![true; (SIDE * SIDE) as usize];
+    let run = || search((&face, 0, (SIDE, SIDE)), &photo, black_box(&wanted), &Options::default());
+
+    let (start, field) = (Instant::now(), run());
+    let (seconds, pixels) = (start.elapsed().as_secs_f64(), f64::from(SIDE * SIDE));
+    println!(
+        "patchmatch: {:.3} Mpixel/s, {} patches a pixel",
+        1e-6 * pixels / seconds,
+        field.compared / wanted.len() as u64
+    );
+    let mut group = criterion.benchmark_group("patchmatch");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(wanted.len() as u64));
+    group.bench_function("256x256 in 640x480", |bencher| bencher.iter(|| black_box(run())));
+    group.finish();
+}
+
+criterion_group!(benches, poisson, patchmatch);
 criterion_main!(benches);

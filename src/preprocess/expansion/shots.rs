@@ -27,14 +27,16 @@ const SAME_SURFACE: (f32, f32) = (0.01, 1.0);
 /// Points of one parallel task.
 const CHUNK: usize = 1 << 14;
 
-/// The six faces in the order of OpenGL and Vulkan: +X, -X, +Y, -Y, +Z, -Z; columns are (right, down, forward).
+/// The six faces in the order of OpenGL and Vulkan: +X, -X, +Y, -Y, +Z, -Z; columns are (right, down, forward). Each is
+/// what a camera there would take; a cubemap of those libraries is its mirror image, in which no patch of a photo could
+/// be found by turning it.
 pub const FACES: [Mat3; 6] = [
-    Mat3::from_cols(Vec3::NEG_Z, Vec3::NEG_Y, Vec3::X),
-    Mat3::from_cols(Vec3::Z, Vec3::NEG_Y, Vec3::NEG_X),
-    Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::Y),
-    Mat3::from_cols(Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y),
-    Mat3::from_cols(Vec3::X, Vec3::NEG_Y, Vec3::Z),
-    Mat3::from_cols(Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z),
+    Mat3::from_cols(Vec3::Z, Vec3::NEG_Y, Vec3::X),
+    Mat3::from_cols(Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X),
+    Mat3::from_cols(Vec3::X, Vec3::NEG_Z, Vec3::Y),
+    Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y),
+    Mat3::from_cols(Vec3::NEG_X, Vec3::NEG_Y, Vec3::Z),
+    Mat3::from_cols(Vec3::X, Vec3::NEG_Y, Vec3::NEG_Z),
 ];
 
 /// Names of [`FACES`], fit for file names.
