@@ -91,7 +91,9 @@ fn worth(sketch: &Sketch, cloud: &Cloud, point: usize, near: f32) -> f32 {
     let (face_depth, _) = sketch.towards(to);
     // The axis of a cubemap's face is the largest component.
     let depth = to.abs().max_element();
-    if !(depth <= face_depth * (1.0 + HIDDEN) + cloud.spacing[point]) || distance <= 0.0 {
+    // False for a NaN.
+    let is_seen = depth <= face_depth * (1.0 + HIDDEN) + cloud.spacing[point];
+    if !is_seen || distance <= 0.0 {
         return 0.0;
     }
     let cosine = -to.dot(cloud.normals[point]) / distance;

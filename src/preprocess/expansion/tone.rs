@@ -81,7 +81,7 @@ fn expand_map(at: &[Vec3], luminances: &[f32], wanted: &[u32], options: Banterle
         .map(|n| (at[n], inverse_reinhard(luminances[n].clamp(0.0, 1.0), options.maximum, options.white)))
         .filter(|(_, power)| *power > 0.0)
         .collect();
-    let (low, high) = extent(&samples);
+    let (low, high) = extent(at.iter().copied());
     let reach = options.reach * (high - low).max_element();
     let mut lights = Vec::with_capacity(options.lights);
     median_cut(&mut samples, options.lights, &mut lights);
@@ -99,8 +99,8 @@ fn expand_map(at: &[Vec3], luminances: &[f32], wanted: &[u32], options: Banterle
     densities.into_iter().map(|d| if largest > 0.0 { d / largest } else { 0.0 }).collect()
 }
 
-fn extent(samples: &[(Vec3, f32)]) -> (Vec3, Vec3) {
-    samples.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), (p, _)| (l.min(*p), h.max(*p)))
+fn extent(places: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+    places.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), place| (low.min(place), high.max(place)))
 }
 
 /// Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling": halves of equal power, cut across the longest side;
@@ -115,7 +115,7 @@ fn median_cut(samples: &mut [(Vec3, f32)], count: usize, lights: &mut Vec<(Vec3,
         lights.push((centre.as_vec3(), power as f32));
         return;
     }
-    let (low, high) = extent(samples);
+    let (low, high) = extent(samples.iter().map(|(place, _)| *place));
     let sides = (high - low).to_array();
     let axis = (0..3).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
     samples.sort_by(|a, b| a.0[axis].total_cmp(&b.0[axis]));

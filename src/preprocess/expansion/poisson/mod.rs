@@ -100,7 +100,8 @@ impl Problem<'_> {
         let points = self.positions.len();
         let lengths =
             [("LDR colours", self.low.len()), ("HDR colours", high.len()), ("unknown flags", self.unknown.len())];
-        let lengths = lengths.into_iter().chain((!self.silent.is_empty()).then(|| ("silent flags", self.silent.len())));
+        let lengths =
+            lengths.into_iter().chain((!self.silent.is_empty()).then_some(("silent flags", self.silent.len())));
         if let Some((name, len)) = lengths.clone().find(|(_, len)| *len != points) {
             return Err(Error::Argument(format!("Poisson: {len} {name} for {points} points; give one each")));
         }
