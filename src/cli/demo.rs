@@ -45,8 +45,6 @@ const TRUTH_SAMPLES: u32 = 256;
 const GREY: f32 = 0.15;
 /// Where the object stands: its own origin is in its middle.
 const PLACE: Vec3 = Vec3::new(0.0, 1.0, 0.0);
-/// Where the HDR photo is taken from: it sees the window and the lamp.
-const PHOTO: Camera = Camera { from: Vec3::new(1.7, 1.5, 2.2), at: Vec3::new(-0.2, 1.6, -1.2), fov_y: 1.1 };
 /// Pixels along a side of the shots for the expansion.
 const SHOT_SIZE: u32 = 512;
 /// What the truth is known for: name, material, and where the colours of its error maps end.
@@ -293,7 +291,7 @@ impl Demo {
         let truth = &self.stage.cloud;
         let alpha = scenes::exposure(truth);
         let low = scenes::low(truth, alpha);
-        let photo = scenes::photo(&self.stage.baked, &PHOTO);
+        let photo = scenes::photo(&self.stage.baked, &scenes::TOY_ROOM_PHOTO);
         let picture = Image::opaque(photo.width, photo.height, photo.rgb.clone())?;
         self.write("photo.png", &to_srgb8(&picture, self.stops)?)?;
         let options = expansion::Options { shot_size: SHOT_SIZE, ..expansion::Options::default() };

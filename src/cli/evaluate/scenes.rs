@@ -21,7 +21,11 @@ const CLIPS: f32 = 0.03;
 /// Points of the scenes built in code.
 const POINTS: usize = 300_000;
 
-/// One row of scenes.
+/// Where the toy room's photo is taken from: it sees the window and the lamp.
+pub(in crate::cli) const TOY_ROOM_PHOTO: Camera =
+    Camera { from: Vec3::new(1.7, 1.5, 2.2), at: Vec3::new(-0.2, 1.75, -1.2), fov_y: 1.15 };
+
+/// A cloud with its photo.
 pub(super) struct Scene {
     pub(super) name: String,
     /// With the true colours.
@@ -48,8 +52,7 @@ impl Scene {
     /// The toy room, photographed from a corner.
     pub(super) fn toy_room() -> Result<Self> {
         let baked = baked(toy_room(), 0.04)?;
-        let camera = Camera { from: Vec3::new(1.7, 1.5, 2.2), at: Vec3::new(-0.2, 1.6, -1.2), fov_y: 1.1 };
-        let photo = photo(&baked, &camera);
+        let photo = photo(&baked, &TOY_ROOM_PHOTO);
         let truth = baked.sample_cloud(POINTS, 1);
         Ok(Self { name: "toy room".into(), truth, photo, object_at: Vec3::Y, radius: 0.35 })
     }

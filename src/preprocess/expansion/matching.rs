@@ -47,7 +47,7 @@ impl Exposed {
         let lights = unmixed(&small, alpha);
         let texel = |x, y| ((small.at(x, y) * alpha).min(Vec3::ONE), 1.0);
         let count = levels(shot_size >> halvings(shot_size, MATCHED));
-        Self { clamped: Pyramid::new(small.width, small.height, count, texel), lights }
+        Self { clamped: Pyramid::new(small.width, small.height, count, texel).bounded(), lights }
     }
 
     pub(super) fn size(&self) -> UVec2 {

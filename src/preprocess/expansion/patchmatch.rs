@@ -32,7 +32,9 @@ const NEAR: f32 = 1.0 / 16.0;
 const FLAT: f32 = 1e-3;
 /// What a level counts for against the next finer one.
 const CONTEXT: f32 = 0.7;
-/// Share of a patch that must be valid on both sides with [`Measure::AnyGain`].
+/// What it costs where all of the other patch is unknown, as beyond the edge of a photo; less where less is.
+const UNKNOWN: f32 = 0.5;
+/// Share of a patch that must be valid on both sides.
 const LEAST_VALID: f32 = 0.4;
 /// What a match costs that cannot be.
 const NONE: f32 = f32::INFINITY;
@@ -62,7 +64,7 @@ impl Default for Options {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
     /// Sum of squared differences over the 7 x 7 pixels (Sabbadin 2019, 4.1), the mean over the channels and over the
-    /// pyramid's levels, of which each counts for 0.7 of the next finer one.
+    /// pyramid's levels, of which each counts for 0.7 of the next finer one. What is invalid does not count.
     Difference,
     /// Mean squared difference after the mean difference is taken out, over all levels. Between logarithms of base 2 it
     /// is blind to exposure. What is invalid in either image does not count.
@@ -358,21 +360,31 @@ impl Task<'_> {
 
     /// [`Measure::Difference`]. Coarse levels first: most guesses end there.
     fn difference(&self, x: u32, y: u32, guess: Match, most: f32) -> Match {
-        let weight = self.weights[(y * self.mask.width + x) as usize];
+        let whole = self.weights[(y * self.mask.width + x) as usize];
         let step = guess.step();
-        let (mut sum, limit) = (0.0, most * 3.0 * weight);
+        let texels = (3 * SIDE * SIDE) as f32;
+        // Whatever is not valid can only make the mean larger.
+        let (mut sum, mut weight, limit) = (0.0, 0.0, most * 3.0 * whole);
         for level in (self.level..=self.coarsest).rev() {
-            let mut total = Vec4::ZERO;
+            let (mut total, mut valid) = (Vec4::ZERO, 0.0);
             self.walk((x, y), &guess, step, level, |a, b| {
+                let both = a.w * b.w;
                 let difference = a - b;
-                total += difference * difference * a.w;
+                total += difference * difference * both;
+                valid += both;
             });
             sum += (total.x + total.y + total.z) * self.share(level);
+            weight += valid * self.share(level);
             if sum >= limit {
                 return Match { cost: NONE, ..guess };
             }
         }
-        Match { cost: sum / (3.0 * weight), gain: 1.0, ..guess }
+        let share = 3.0 * weight / (texels * whole);
+        if share < LEAST_VALID {
+            return Match { cost: NONE, ..guess };
+        }
+        let cost = sum / (3.0 * whole * share) + UNKNOWN * (1.0 - share).max(0.0);
+        Match { cost, gain: 1.0, ..guess }
     }
 
     /// [`Measure::AnyGain`].

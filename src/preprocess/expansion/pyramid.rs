@@ -111,6 +111,20 @@ impl Pyramid {
         Self { levels }
     }
 
+    /// The same, where nothing is known beyond the edges: the margins are not valid.
+    pub fn bounded(mut self) -> Self {
+        for level in &mut self.levels {
+            let stride = level.stride();
+            let (columns, rows) = (MARGIN as usize..stride - MARGIN as usize, MARGIN..MARGIN + level.height);
+            for (n, texel) in level.texels.iter_mut().enumerate() {
+                if !columns.contains(&(n % stride)) || !rows.contains(&((n / stride) as u32)) {
+                    texel.w = 0.0;
+                }
+            }
+        }
+        self
+    }
+
     /// The same with logarithms of base 2 of all colours; nothing counts as darker than `floor`.
     pub fn logarithm(mut self, floor: f32) -> Self {
         for texel in self.levels.iter_mut().flat_map(|level| &mut level.texels) {
