@@ -24,6 +24,8 @@ const LEAST_PIXELS: f32 = 0.71;
 const MOST_PIXELS: f32 = 96.0;
 /// Discs at most this much farther than the nearest belong to the front surface; relative to depth, and in spacings.
 const SAME_SURFACE: (f32, f32) = (0.01, 1.0);
+/// From where a pixel is wider than this many spacings, a place is too far away to see anything.
+const FARTHEST: f32 = 64.0;
 /// Points of one parallel task.
 const CHUNK: usize = 1 << 14;
 
@@ -101,7 +103,9 @@ impl Shot {
         let index = pixel.y as usize * self.size as usize + pixel.x as usize;
         let depth = to.dot(FACES[face].z_axis);
         let front = self.faces[face].depth[index];
-        (at.is_finite() && depth > 0.0 && depth <= behind(front, spacing)).then_some((face, index))
+        let pixel = 2.0 * depth / self.size as f32;
+        let is_near = depth > 0.0 && pixel <= FARTHEST * spacing;
+        (at.is_finite() && is_near && depth <= behind(front, spacing)).then_some((face, index))
     }
 }
 
