@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for (name, material, range) in TRUTHS {
         tiles.extend(demo.beside_the_truth(best, name, material, range)?);
     }
-    tiles.extend(demo.from_low_range(best)?);
+    tiles.extend(demo.in_low_range(best)?);
     let title = format!(
         "relume demo: {} points, {} nodes, {MICROBUFFER}x{MICROBUFFER} micro-buffers, {}",
         demo.stage.build.points, demo.stage.build.nodes_after, demo.context.capabilities.name
@@ -286,7 +286,7 @@ impl Demo {
 
     /// The scan with the range of a camera of 8 bits, and expanded from one HDR photo of a part of the room; the object
     /// lit by both and by the true scan.
-    fn from_low_range(&self, technique: Technique) -> Result<Vec<Tile>> {
+    fn in_low_range(&self, technique: Technique) -> Result<Vec<Tile>> {
         let start = Instant::now();
         let truth = &self.stage.cloud;
         let alpha = scenes::exposure(truth);
