@@ -17,6 +17,7 @@ pub mod registration;
 mod reprojection;
 mod scouts;
 pub mod shots;
+mod simplex;
 pub mod tone;
 
 use glam::Vec3;

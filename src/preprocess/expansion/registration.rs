@@ -3,15 +3,19 @@
 //! the photo happens to hold. The paper needs no such registration and neither does the rest: where none is found, the
 //! histograms' exposure stays.
 
-use glam::{Mat3, Vec2, Vec3};
+use std::f32::consts::TAU;
+
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::scouts::{Scouts, sketch, thinned};
 use super::shots::{Pane, render};
+use super::simplex;
 use crate::compare::luminance;
+use crate::preprocess::neighbours::bounds;
 use crate::scene::{Cloud, Picture};
 
-/// Vertical fields of view that are tried first, degrees: long side 28 to 100.
+/// Vertical fields of view that are tried first, degrees.
 const FIELDS: [f32; 5] = [30.0, 40.0, 52.0, 65.0, 80.0];
 /// Turns and tilts that are tried first.
 const TURNS: u32 = 32;
@@ -22,6 +26,11 @@ const SIDES: [u32; 4] = [24, 32, 64, 128];
 const POINTS: [usize; 3] = [8_000, 25_000, 100_000];
 /// Views that are left after each.
 const LEFT: [usize; 3] = [2, 1, 1];
+/// Rounds of the simplex search in each, and the size of its first steps relative to what the first search leaves open.
+const ROUNDS: [u32; 3] = [140, 120, 60];
+const REACH: [f32; 3] = [0.5, 0.1, 0.02];
+/// Longer side of the photo in the last look.
+const LAST_SIDE: u32 = 480;
 /// Views that are refined.
 const REFINED: usize = 12;
 /// Differences are cut off at this many stops: a wrong surface is wrong, however wrong.
@@ -32,6 +41,10 @@ const FLOOR: f32 = 1.0 / 256.0;
 const CLIPPED: f32 = 0.95;
 /// Surfaces that agree within this many stops are the same.
 const AGREES: f32 = 0.1;
+/// Surfaces darker or brighter than this, in the cloud, do not tell the exposure.
+const WELL_EXPOSED: (f32, f32) = (0.02, 0.8);
+/// Share of a plain grey picture's misfit that a view may have at most.
+const EXPLAINED: f32 = 0.5;
 /// Share of the photo that must agree, or the photo is not found.
 const LEAST_AGREEMENT: f32 = 0.4;
 
@@ -83,8 +96,11 @@ impl Small {
         Self { size, colors: (0..size[0] * size[1]).map(|n| mean(n).max(Vec3::splat(1e-9)).map(f32::log2)).collect() }
     }
 
-    fn focal(&self, log_tan: f32) -> f32 {
-        0.5 * self.size[1] as f32 / log_tan.exp()
+    /// What a camera would see the cloud through, to be held against the photo.
+    fn pane(&self, view: &View) -> Pane {
+        let [x, y, z, _, _, _, log_tan] = *view;
+        let focal = 0.5 * self.size[1] as f32 / log_tan.exp();
+        Pane { eye: Vec3::new(x, y, z), axes: axes(view), size: self.size, focal }
     }
 }
 
@@ -137,24 +153,19 @@ fn first_views(scouts: &Scouts, photo: &Small) -> Vec<(f32, View)> {
             let mut best: Vec<(f32, View)> = Vec::new();
             for turn in 0..TURNS {
                 for tilt in TILTS {
-                    let mut of_direction = (f32::INFINITY, View::default());
-                    for field in FIELDS {
-                        let turn = turn as f32 / TURNS as f32 * std::f32::consts::TAU;
+                    let of_field = |field: f32| {
+                        let turn = turn as f32 / TURNS as f32 * TAU;
                         let log_tan = (0.5 * field.to_radians()).tan().ln();
                         let [x, y, z] = sketch.eye.to_array();
                         let view = [x, y, z, turn, tilt.to_radians(), 0.0, log_tan];
-                        let (axes, focal) = (axes(&view), photo.focal(log_tan));
-                        let middle = 0.5 * Vec2::from(photo.size.map(|s| s as f32));
+                        let pane = photo.pane(&view);
                         let (cost, _) = misfit(photo, |n| {
-                            let pixel = Vec2::new((n % photo.size[0]) as f32, (n / photo.size[0]) as f32) + 0.5;
-                            let ray = axes * ((pixel - middle) / focal).extend(1.0);
-                            scouts.cloud.colors.get(sketch.towards(ray).1 as usize).copied()
+                            let ray = pane.ray(n % pane.size[0], n / pane.size[0]);
+                            scouts.cloud.colors.get(sketch.towards(pane.axes * ray).1 as usize).copied()
                         });
-                        if cost < of_direction.0 {
-                            of_direction = (cost, view);
-                        }
-                    }
-                    best.push(of_direction);
+                        (cost, view)
+                    };
+                    best.extend(FIELDS.map(of_field).into_iter().min_by(|a, b| a.0.total_cmp(&b.0)));
                 }
             }
             best.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -167,104 +178,46 @@ fn first_views(scouts: &Scouts, photo: &Small) -> Vec<(f32, View)> {
     views
 }
 
-fn cost(cloud: &Cloud, photo: &Small, view: &View) -> (f32, f32) {
-    let pane = Pane {
-        eye: Vec3::new(view[0], view[1], view[2]),
-        axes: axes(view),
-        size: photo.size,
-        focal: photo.focal(view[6]),
-    };
-    let front = sketch(cloud, &pane);
-    misfit(photo, |n| cloud.colors.get(front[n as usize].1 as usize).copied())
-}
-
-/// Downhill simplex (Nelder and Mead 1965).
+/// Betters a view by drawing the thinned cloud again and again.
 fn refine(cloud: &Cloud, photo: &Small, start: View, level: usize) -> (f32, View) {
-    const EVALUATIONS: [u32; 3] = [140, 120, 60];
-    let size = crate::preprocess::neighbours::bounds(&cloud.positions);
-    let extent = (size.1 - size.0).length();
-    let reach = [0.5_f32, 0.1, 0.02][level];
-    let steps = [0.08 * extent, 0.08 * extent, 0.08 * extent, 0.15, 0.15, 0.05, 0.15].map(|s| s * reach);
-    let evaluate = |view: View| (cost(cloud, photo, &view).0, view);
-    let mut simplex = vec![evaluate(start)];
-    for (axis, step) in steps.into_iter().enumerate() {
-        let mut view = start;
-        view[axis] += step;
-        simplex.push(evaluate(view));
-    }
-    for _ in 0..EVALUATIONS[level] {
-        simplex.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let worst = simplex[7];
-        let mut middle = View::default();
-        for (_, view) in &simplex[..7] {
-            for (m, v) in middle.iter_mut().zip(view) {
-                *m += v / 7.0;
-            }
-        }
-        let along = |t: f32| {
-            let mut view = middle;
-            for (v, w) in view.iter_mut().zip(worst.1) {
-                *v += t * (w - *v);
-            }
-            evaluate(view)
-        };
-        let reflected = along(-1.0);
-        let next = if reflected.0 < simplex[0].0 {
-            let further = along(-2.0);
-            if further.0 < reflected.0 { further } else { reflected }
-        } else if reflected.0 < simplex[6].0 {
-            reflected
-        } else {
-            let nearer = along(if reflected.0 < worst.0 { -0.5 } else { 0.5 });
-            if nearer.0 < worst.0.min(reflected.0) {
-                nearer
-            } else {
-                let best = simplex[0].1;
-                for (cost, view) in &mut simplex[1..] {
-                    for (v, b) in view.iter_mut().zip(best) {
-                        *v = 0.5 * (*v + b);
-                    }
-                    (*cost, *view) = evaluate(*view);
-                }
-                continue;
-            }
-        };
-        simplex[7] = next;
-    }
-    simplex.sort_by(|a, b| a.0.total_cmp(&b.0));
-    simplex[0]
+    let (low, high) = bounds(&cloud.positions);
+    let place = 0.08 * (high - low).length();
+    let steps = [place, place, place, 0.15, 0.15, 0.05, 0.15].map(|step| step * REACH[level]);
+    simplex::minimise(start, steps, ROUNDS[level], |view| {
+        let front = sketch(cloud, &photo.pane(view));
+        misfit(photo, |n| cloud.colors.get(front[n as usize].1 as usize).copied()).0
+    })
 }
 
 /// Holds the photo against the whole cloud at that view.
 fn agreement(cloud: &Cloud, photo: &Picture, view: &View) -> Option<Registration> {
-    let small = Small::new(photo, 480);
-    let pane = Pane {
-        eye: Vec3::new(view[0], view[1], view[2]),
-        axes: axes(view),
-        size: small.size,
-        focal: small.focal(view[6]),
-    };
+    let small = Small::new(photo, LAST_SIDE);
+    let pane = small.pane(view);
     let face = render(cloud, &pane);
     let color = |n: usize| cloud.colors.get(face.point[n] as usize).copied();
-    let (_, rough) = misfit(&small, |n| color(n as usize));
+    let (cost, rough) = misfit(&small, |n| color(n as usize));
+    // Plain walls agree with any plain wall, at any exposure.
+    let (flat, _) = misfit(&small, |_| Some(Vec3::splat(0.5 * CLIPPED)));
+    if cost.is_nan() || cost > EXPLAINED * flat {
+        return None;
+    }
     let mut stops = Vec::new();
     for (n, &photo) in small.colors.iter().enumerate() {
-        if let Some(cloud) = color(n).filter(|c| c.max_element() < 0.8 && luminance(*c) > 0.02) {
+        if let Some(cloud) = color(n).filter(|&c| c.max_element() < WELL_EXPOSED.1 && luminance(c) > WELL_EXPOSED.0) {
             let here = luminance(cloud).log2() - luminance(photo.map(f32::exp2)).log2();
             if (here - rough).abs() < 3.0 * AGREES {
                 stops.push(here);
             }
         }
     }
-    let same = stops.iter().filter(|s| (**s - rough).abs() < AGREES).count();
+    let same = stops.iter().filter(|here| (**here - rough).abs() < AGREES).count();
     let agreement = same as f32 / small.colors.len() as f32;
-    if stops.is_empty() {
+    if agreement < LEAST_AGREEMENT {
         return None;
     }
     let middle = stops.len() / 2;
-    let gain = *stops.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let fov_y = 2.0 * view[6].exp().atan();
-    let found =
-        Registration { eye: pane.eye, angles: [view[3], view[4], view[5]], fov_y, agreement, alpha: gain.exp2() };
-    (agreement >= LEAST_AGREEMENT).then_some(found)
+    let alpha = stops.select_nth_unstable_by(middle, f32::total_cmp).1.exp2();
+    let [_, _, _, turn, tilt, roll, log_tan] = *view;
+    let fov_y = 2.0 * log_tan.exp().atan();
+    Some(Registration { eye: pane.eye, angles: [turn, tilt, roll], fov_y, agreement, alpha })
 }

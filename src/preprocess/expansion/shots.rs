@@ -126,6 +126,12 @@ pub(super) struct Pane {
 }
 
 impl Pane {
+    /// Direction, not of unit length, through the centre of a pixel, in the pane's space.
+    pub(super) fn ray(&self, x: u32, y: u32) -> Vec3 {
+        let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+        ((pixel - self.middle()) / self.focal).extend(1.0)
+    }
+
     pub(super) fn middle(&self) -> Vec2 {
         0.5 * Vec2::from(self.size.map(|side| side as f32))
     }
@@ -167,16 +173,15 @@ impl Splat {
     /// Calls `f` with the index of every pixel under the disc, the depth there and how far from the centre it is, from
     /// 0 to 1.
     fn for_each(&self, pane: &Pane, mut f: impl FnMut(usize, f32, f32)) {
-        let (middle, plane) = (pane.middle(), self.normal.dot(self.centre));
+        let plane = self.normal.dot(self.centre);
         for y in self.from[1]..self.to[1] {
             for x in self.from[0]..self.to[0] {
-                let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                let ray = ((pixel - middle) / pane.focal).extend(1.0);
+                let ray = pane.ray(x, y);
                 // At most one disc's radius before or behind the centre: a grazing plane goes anywhere.
                 let depth =
                     (plane / self.normal.dot(ray)).clamp(self.centre.z - self.radius, self.centre.z + self.radius);
                 let off = (ray * depth).distance(self.centre) / self.radius;
-                let square = (pixel - self.at).abs().max_element() / LEAST_PIXELS;
+                let square = (Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.at).abs().max_element() / LEAST_PIXELS;
                 let distance = off.min(square);
                 if distance <= 1.0 {
                     f((y * pane.size[0] + x) as usize, depth, distance);
