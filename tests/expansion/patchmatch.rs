@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 
 use glam::{UVec2, Vec2, Vec3, vec2};
-use relume::preprocess::expansion::patchmatch::{Field, Match, Measure, Options, search};
+use relume::preprocess::expansion::patchmatch::{Field, Match, Options, search};
 use relume::preprocess::expansion::pyramid::Pyramid;
 use relume::reference::patches;
 
@@ -61,8 +61,8 @@ fn find((first, second): (&Pyramid, &Pyramid), wanted: &[bool], options: &Option
 }
 
 /// All bits of a match.
-fn key(found: &Match) -> [u32; 6] {
-    [found.at.x, found.at.y, found.angle, found.log_scale, found.cost, found.gain].map(f32::to_bits)
+fn key(found: &Match) -> [u32; 5] {
+    [found.at.x, found.at.y, found.angle, found.log_scale, found.cost].map(f32::to_bits)
 }
 
 #[test]
@@ -107,18 +107,16 @@ fn disc() -> Vec<bool> {
 fn threads_change_nothing_and_only_wanted_pixels_are_matched() {
     let (first, second) = pair();
     let wanted = disc();
-    for measure in [Measure::Difference, Measure::AnyGain] {
-        let options = Options { first_guesses: 64, measure, ..Options::default() };
-        let run = |threads| on_threads(threads, || find((&first, &second), &wanted, &options));
-        let (one, two) = (run(1), run(2));
-        assert_eq!(one.compared, two.compared);
-        assert!(one.matches.iter().map(key).eq(two.matches.iter().map(key)), "{measure:?}");
-        for (found, wanted) in one.matches.iter().zip(&wanted) {
-            assert_eq!(found.cost.is_finite(), *wanted);
-        }
-        let other = find((&first, &second), &wanted, &Options { seed: 2, ..options });
-        assert!(!one.matches.iter().map(key).eq(other.matches.iter().map(key)), "{measure:?}: the seed is not used");
+    let options = Options { first_guesses: 64, ..Options::default() };
+    let run = |threads| on_threads(threads, || find((&first, &second), &wanted, &options));
+    let (one, two) = (run(1), run(2));
+    assert_eq!(one.compared, two.compared);
+    assert!(one.matches.iter().map(key).eq(two.matches.iter().map(key)));
+    for (found, wanted) in one.matches.iter().zip(&wanted) {
+        assert_eq!(found.cost.is_finite(), *wanted);
     }
+    let other = find((&first, &second), &wanted, &Options { seed: 2, ..options });
+    assert!(!one.matches.iter().map(key).eq(other.matches.iter().map(key)), "the seed is not used");
     let nothing = find((&first, &second), &vec![false; wanted.len()], &Options::default());
     assert_eq!(nothing.compared, 0);
     assert!(nothing.matches.iter().all(|found| found.cost == f32::INFINITY));
@@ -151,25 +149,6 @@ fn invalid_pixels_do_not_count() {
 }
 
 #[test]
-fn gains_are_found_between_logarithms() {
-    let (first, second) = pair();
-    let brighter = |pyramid: &Pyramid, gain: f32| {
-        let texel = |x: u32, y: u32| {
-            let color = pyramid.levels[0].texel(x as i32, y as i32).truncate().max(Vec3::splat(0.02));
-            (color * gain, 1.0)
-        };
-        Pyramid::new(SIDE, SIDE, LEVELS, texel).logarithm(1e-3)
-    };
-    let options = Options { first_guesses: 128, measure: Measure::AnyGain, ..Options::default() };
-    let wanted = disc();
-    let field = find((&brighter(&first, 3.0), &brighter(&second, 1.0)), &wanted, &options);
-    let right = |n: &usize| (field.matches[*n].gain / 3.0 - 1.0).abs() < 0.05;
-    let count = wanted.iter().filter(|wanted| **wanted).count();
-    let good = (0..wanted.len()).filter(|&n| wanted[n]).filter(right).count();
-    assert!(good as f32 > 0.9 * count as f32, "{good} of {count}");
-}
-
-#[test]
 fn flat_and_tiny_images() {
     let white = |width, height, levels| Pyramid::new(width, height, levels, |_, _| (Vec3::ONE, 1.0));
     for (first, second) in [
@@ -180,14 +159,11 @@ fn flat_and_tiny_images() {
         (white(40, 1, 2), white(1, 40, 2)),
     ] {
         let size = first.levels[0].width * first.levels[0].height;
-        for measure in [Measure::Difference, Measure::AnyGain] {
-            let options = Options { measure, ..Options::default() };
-            let field = find((&first, &second), &vec![true; size as usize], &options);
-            let last = vec2(second.levels[0].width as f32, second.levels[0].height as f32) - 0.5;
-            for found in &field.matches {
-                assert!(found.cost.abs() < 1e-6, "white is white: {found:?}");
-                assert!(found.at.cmpge(Vec2::splat(-0.5)).all() && found.at.cmple(last).all(), "{found:?}");
-            }
+        let field = find((&first, &second), &vec![true; size as usize], &Options::default());
+        let last = vec2(second.levels[0].width as f32, second.levels[0].height as f32) - 0.5;
+        for found in &field.matches {
+            assert!(found.cost.abs() < 1e-6, "white is white: {found:?}");
+            assert!(found.at.cmpge(Vec2::splat(-0.5)).all() && found.at.cmple(last).all(), "{found:?}");
         }
     }
     // Nothing of the first is known.

@@ -11,7 +11,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec4, Vec4Swizzles};
+use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
 use super::pyramid::{Level, Pyramid};
@@ -50,25 +50,12 @@ pub struct Options {
     pub first_guesses: u32,
     /// Seed of all guesses.
     pub seed: u64,
-    /// How patches are compared.
-    pub measure: Measure,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { largest_scale: 2.0, passes: 3, first_guesses: 512, seed: 1, measure: Measure::Difference }
+        Self { largest_scale: 2.0, passes: 3, first_guesses: 512, seed: 1 }
     }
-}
-
-/// What it costs to take one patch for another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Measure {
-    /// Sum of squared differences over the 7 x 7 pixels (Sabbadin 2019, 4.1), the mean over the channels and over the
-    /// pyramid's levels, of which each counts for 0.7 of the next finer one. What is invalid does not count.
-    Difference,
-    /// Mean squared difference after the mean difference is taken out, over all levels. Between logarithms of base 2 it
-    /// is blind to exposure. What is invalid in either image does not count.
-    AnyGain,
 }
 
 /// Where a pixel of the first image is found in the second.
@@ -80,10 +67,10 @@ pub struct Match {
     pub angle: f32,
     /// Pixels of the second image for one of the first, as a logarithm of base 2.
     pub log_scale: f32,
-    /// By [`Measure`]; infinite where nothing was found.
+    /// Sum of squared differences over the 7 x 7 pixels (Sabbadin 2019, 4.1), the mean over the channels and over the
+    /// pyramid's levels, of which each counts for 0.7 of the next finer one. What is invalid does not count. Infinite where
+    /// nothing was found.
     pub cost: f32,
-    /// How many times brighter the first patch is than the second, with [`Measure::AnyGain`]; else 1.
-    pub gain: f32,
 }
 
 impl Match {
@@ -325,10 +312,7 @@ impl Task<'_> {
     fn take_better(&self, x: u32, y: u32, guess: Match, best: &mut Match, count: &mut u64) {
         if self.second.levels[self.level].holds(guess.at) {
             *count += 1;
-            let found = match self.options.measure {
-                Measure::Difference => self.difference(x, y, guess, best.cost),
-                Measure::AnyGain => self.any_gain(x, y, guess),
-            };
+            let found = self.difference(x, y, guess, best.cost);
             if found.cost < best.cost {
                 *best = found;
             }
@@ -358,7 +342,7 @@ impl Task<'_> {
         CONTEXT.powi((level - self.level) as i32)
     }
 
-    /// [`Measure::Difference`]. Coarse levels first: most guesses end there.
+    /// A guess with its cost. Coarse levels first: most guesses end there.
     fn difference(&self, x: u32, y: u32, guess: Match, most: f32) -> Match {
         let whole = self.weights[(y * self.mask.width + x) as usize];
         let step = guess.step();
@@ -384,29 +368,7 @@ impl Task<'_> {
             return Match { cost: NONE, ..guess };
         }
         let cost = sum / (3.0 * whole * share) + UNKNOWN * (1.0 - share).max(0.0);
-        Match { cost, gain: 1.0, ..guess }
-    }
-
-    /// [`Measure::AnyGain`].
-    fn any_gain(&self, x: u32, y: u32, guess: Match) -> Match {
-        let step = guess.step();
-        let (mut sum, mut squares, mut weight) = (0.0, 0.0, 0.0);
-        for level in (self.level..=self.coarsest).rev() {
-            self.walk((x, y), &guess, step, level, |a, b| {
-                let (valid, difference) = (a.w * b.w, (a - b).xyz());
-                weight += valid;
-                sum += valid * difference.element_sum();
-                squares += valid * difference.length_squared();
-            });
-        }
-        // Where most of a patch is unknown, anything fits.
-        let whole = ((self.coarsest - self.level + 1) * SIDE * SIDE) as f32;
-        if weight < LEAST_VALID * whole {
-            return Match { cost: NONE, ..guess };
-        }
-        let mean = sum / (3.0 * weight);
-        let cost = (squares / weight - 3.0 * mean * mean).max(0.0);
-        Match { cost, gain: mean.exp2(), ..guess }
+        Match { cost, ..guess }
     }
 }
 

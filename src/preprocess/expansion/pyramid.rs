@@ -124,15 +124,6 @@ impl Pyramid {
         }
         self
     }
-
-    /// The same with logarithms of base 2 of all colours; nothing counts as darker than `floor`.
-    pub fn logarithm(mut self, floor: f32) -> Self {
-        for texel in self.levels.iter_mut().flat_map(|level| &mut level.texels) {
-            let logarithm = texel.xyz().max(Vec3::splat(floor)).map(f32::log2);
-            *texel = logarithm.extend(texel.w);
-        }
-        self
-    }
 }
 
 /// Means of 2 x 2 texels; a last odd row or column counts twice.

@@ -41,9 +41,6 @@ pub const FACES: [Mat3; 6] = [
     Mat3::from_cols(Vec3::X, Vec3::NEG_Y, Vec3::NEG_Z),
 ];
 
-/// Names of [`FACES`], fit for file names.
-pub const FACE_NAMES: [&str; 6] = ["px", "nx", "py", "ny", "pz", "nz"];
-
 /// The face that looks along `direction`, and where on it, in pixels of a face of `size`; the pixel (0, 0) has its
 /// centre at (0.5, 0.5).
 pub fn project(direction: Vec3, size: u32) -> (usize, Vec2) {
