@@ -8,10 +8,10 @@
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 8) buffer Lists { uvec2 lists[]; }; // offset, length
-layout(std430, binding = 11) readonly buffer CutPairs { uvec2 cut_pairs[]; };
+layout(binding = 11) uniform usamplerBuffer cut_pairs;
 
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= min(cut_count, traversal.capacity)) return;
-    atomicAdd(lists[receiver_slot(traversal.pixels, cut_pairs[at].y)].y, 1u);
+    atomicAdd(lists[receiver_slot(traversal.pixels, texelFetch(cut_pairs, int(at)).y)].y, 1u);
 }

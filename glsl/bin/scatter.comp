@@ -8,13 +8,13 @@
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 8) buffer Lists { uvec2 lists[]; }; // offset, length
-layout(std430, binding = 9) writeonly buffer CutNodes { uint cut_nodes[]; };
-layout(std430, binding = 11) readonly buffer CutPairs { uvec2 cut_pairs[]; };
+layout(binding = 9, r32ui) uniform writeonly uimageBuffer cut_nodes;
+layout(binding = 11) uniform usamplerBuffer cut_pairs;
 
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= min(cut_count, traversal.capacity)) return;
-    uvec2 pair = cut_pairs[at];
+    uvec2 pair = texelFetch(cut_pairs, int(at)).xy;
     uint slot = receiver_slot(traversal.pixels, pair.y);
-    cut_nodes[lists[slot].x + atomicAdd(lists[slot].y, 1u)] = pair.x;
+    imageStore(cut_nodes, int(lists[slot].x + atomicAdd(lists[slot].y, 1u)), uvec4(pair.x));
 }

@@ -111,6 +111,30 @@ uint decide_coarse(uint node, Area area, bool leaf, uint level, vec4 receiver_ba
     return SPLIT;
 }
 
+// A tile of the technique `shared` takes one cut for all its pixels, as seen from its middle; only what none of them
+// and none of the pixels around it (whose normals are in its cone) can see is left out. It is never split here.
+uint decide_tile(uint node, Area area, bool leaf, vec3 middle, vec4 tile_normals, float stop_sin2) {
+    vec4 sphere = node_sphere(node);
+    precise vec3 to_node = sphere.xyz - middle;
+    precise float distance2 = exact_dot(to_node, to_node);
+    float centre_distance = sqrt(distance2);
+    bool stops = !area.opens && pixel_stops(distance2, sphere.w, stop_sin2, leaf);
+    // As for coarse receivers; with a texel to spare, so that those at the horizon get all that they show: a node that
+    // stops has a solid angle of about four texels.
+    float margin = SLACK * (centre_distance + sphere.w) + centre_distance * sqrt(stop_sin2);
+    float along = dot(tile_normals.xyz, to_node);
+    float sine = sqrt(max(0.0, 1.0 - tile_normals.w * tile_normals.w));
+    float swing = sqrt(max(0.0, distance2 - along * along)) * sine;
+    float top = along >= centre_distance * tile_normals.w ? centre_distance : along * tile_normals.w + swing;
+    if (top + sphere.w + margin < 0.0) return DISCARD;
+    if (stops) return exact_dot(area.vector, to_node) < 0.0 ? STOP : DISCARD;
+    Cone cone = node_cone(node);
+    float along_cone = dot(to_node, cone.axis);
+    float cone_sine = sqrt(max(0.0, 1.0 - cone.cosine * cone.cosine));
+    float least = along_cone * cone.cosine - sqrt(max(0.0, distance2 - along_cone * along_cone)) * cone_sine;
+    return cone.cosine > 0.0 && least > sphere.w + margin ? DISCARD : DESCEND;
+}
+
 // The paper's rule (Sabbadin 2019, 5.2.1): compare the node's solid angle with that of the receiver's normal cone,
 // as if the receiver had no extent, and stop at pixels alone.
 uint decide_paper(uint node, bool leaf, uint level, vec3 position, vec4 receiver_normals, float stop_sin2) {
@@ -141,6 +165,7 @@ uint decide_paper(uint node, bool leaf, uint level, vec3 position, vec4 receiver
 
 uint decide(uint node, Area area, uint level, vec4 receiver_ball, vec4 receiver_normals, float stop_sin2) {
     bool leaf = area.skip == node + 1u;
+    if (SHARED) return decide_tile(node, area, leaf, receiver_ball.xyz, receiver_normals, stop_sin2);
     if (PAPER_CUT) return decide_paper(node, leaf, level, receiver_ball.xyz, receiver_normals, stop_sin2);
     if (level == 0u) return decide_pixel(node, area, leaf, receiver_ball.xyz, receiver_normals.xyz, stop_sin2);
     return decide_coarse(node, area, leaf, level, receiver_ball, receiver_normals, stop_sin2);

@@ -32,11 +32,14 @@ void offer(uint start, Site site, uint node, vec3 centre, vec3 area_vector) {
     rasterise(start, site, node, centre, area_vector);
 }
 
-// The pixel's lists from position `cursor` of all of them one after the other; returns where to go on.
-uint rasterise_lists(uint start, Site site, uint pixel, uint cursor) {
+// The lists of the pixel, or of the tile alone, from position `cursor` of all of them one after the other; returns where
+// to go on.
+uint rasterise_lists(uint start, Site site, uint entry, uint cursor) {
     uint position = 0u;
-    for (uint level = 0u; level < 5u; ++level) {
-        uvec2 list = lists[level_offset(gather.pixels, level) + (pixel >> (2u * level))];
+    for (uint level = 0u; level < (SHARED ? 1u : 5u); ++level) {
+        uint slot = SHARED ? receiver_slot(gather.pixels, entry)
+                           : level_offset(gather.pixels, level) + (entry >> (2u * level));
+        uvec2 list = lists[slot];
         uint i = cursor > position ? min(cursor - position, list.y) : 0u;
         for (; i < list.y && work < MOST_WORK; ++i) {
             work += 1u;
@@ -70,10 +73,10 @@ void main() {
     if (at >= gather.entry_count) return;
     uint cursor = cursors[at];
     if (cursor == FINISHED) return;
-    uint pixel = entries[gather.first_entry + at];
-    Site site = load_site(pixel);
+    uint entry = entries[gather.first_entry + at];
+    Site site = load_site(entry);
     uint start = at * MICRO_PIXELS;
-    cursor = WALK ? rasterise_walk(start, site, pixel, cursor) : rasterise_lists(start, site, pixel, cursor);
+    cursor = WALK ? rasterise_walk(start, site, entry, cursor) : rasterise_lists(start, site, entry, cursor);
     cursors[at] = cursor;
     if (cursor != FINISHED && gather.last_round != 0u) atomicAdd(unfinished_count, 1u);
     finish();

@@ -1,6 +1,10 @@
 // Receivers: G-buffer pixels in Morton order inside 16 x 16 tiles, and their cone mipmap (Sabbadin 2019, 5.2.1). A
 // receiver's code holds its level (0 is a pixel, 4 a tile) in the top four bits and its index at that level below;
 // children of index i are 4 i to 4 i + 3 one level down. A pair is [node, receiver code].
+//
+// Technique `shared`: a receiver of level 2 or more is lit as a whole, by one buffer over the full sphere (a tile).
+layout(constant_id = 4) const bool SHARED = false;
+
 layout(binding = 5) uniform samplerBuffer receiver_spheres;
 layout(binding = 6) uniform samplerBuffer receiver_cones;
 

@@ -9,11 +9,12 @@
 #include "common/microbuffer.glsl"
 #include "common/sums.glsl"
 #include "common/brdf.glsl"
+#include "common/far_field.glsl"
+#include "common/surface.glsl"
 
 layout(constant_id = 5) const bool ONE_NODE = false;      // colours come from the nearest node alone
 layout(constant_id = 6) const bool IMAGE_STORE = false;   // ... as the paper's image holds it
 layout(constant_id = 7) const bool PAPER_WEIGHTS = false; // Eq. 5
-layout(constant_id = 8) const uint MATERIAL = 0u;         // 0 from the file, 1 diffuse, 2 metal
 layout(constant_id = 9) const uint SUBSAMPLES = 1u;       // BRDF evaluations along a side of a micro-pixel
 
 layout(local_size_x = 64) in;
@@ -25,36 +26,14 @@ layout(binding = 12, rgba16f) uniform readonly image2D store;
 // the micro-pixels that the disc touches, with their index.
 layout(binding = 13) uniform samplerBuffer micro_directions;
 layout(binding = 14) uniform usamplerBuffer micro_indices;
-layout(std430, binding = 15) writeonly buffer OutputImage { vec4 output_image[]; };
+layout(binding = 15, rgba32f) uniform writeonly imageBuffer output_image;
 layout(std430, binding = 16) buffer ConvolveCounts { uint overflowed; };
-layout(binding = 17) uniform sampler2D normal_map;
-layout(binding = 18) uniform sampler2D base_metallic_map;
-layout(binding = 19) uniform sampler2D emissive_roughness_map;
-layout(binding = 20) uniform sampler2D far_field;
 
 // A front layer that covers this share of a micro-pixel hides what lies behind; a smaller one lets the rest show.
 const float OPAQUE = 0.75;
 // The covered radiance of an opaque front layer is summed as it is. Dividing by the covered share would move a lamp's
 // energy when it straddles micro-pixels, and halve a lamp that hangs close to a ceiling. What plain sums lack or have
 // too much in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
-
-float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
-
-struct Surface {
-    vec3 base_color;
-    float metallic;
-    vec3 emissive;
-    float roughness;
-    float specular;
-};
-
-vec3 far_radiance(vec3 direction, float solid_angle) {
-    if (gather.far_field_height == 0u) return vec3(0.0);
-    vec2 uv = vec2(0.5 + atan(direction.x, -direction.z) / (2.0 * PI), acos(clamp(direction.y, -1.0, 1.0)) / PI);
-    // The level whose texels are about as large as the micro-pixel.
-    float texel = PI / float(gather.far_field_height);
-    return textureLod(far_field, uv, max(0.0, 0.5 * log2(solid_angle / (texel * texel)))).rgb;
-}
 
 // Covered radiance of a micro-pixel; negative where no node covers it. `whole` is its area inside the disc, `counted`
 // the share of it that the radiance stands for.
@@ -110,29 +89,14 @@ vec3 mean_reflectance(Surface surface, Site site, uint micro, vec3 light_middle,
     return count > 0.0 ? sum / count : reflectance(surface, site.normal, light_middle, view);
 }
 
-// Even bits of a byte-sized Morton code, packed.
-uint even_bits(uint code) {
-    code &= 0x55u;
-    code = (code | (code >> 1u)) & 0x33u;
-    return (code | (code >> 2u)) & 0x0fu;
-}
-
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= gather.entry_count) return;
     uint pixel = entries[gather.first_entry + at];
-    uint tile = pixel >> 8u;
-    ivec2 texel = ivec2(uvec2(tile % gather.tiles_x, tile / gather.tiles_x) * 16u
-                        + uvec2(even_bits(pixel), even_bits((pixel & 0xffu) >> 1u)));
     Site site = load_site(pixel);
-    vec4 base_metallic = texelFetch(base_metallic_map, texel, 0);
-    vec4 emissive_roughness = texelFetch(emissive_roughness_map, texel, 0);
-    Surface surface = Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, emissive_roughness.a,
-                              texelFetch(normal_map, texel, 0).a);
-    vec3 view = normalize(gather.eye - site.position);
-    // A normal map may turn the normal away from a viewer that sees the surface: light it as if seen edge-on.
-    float view_cosine = dot(view, site.normal);
-    if (view_cosine < 1e-3) view = normalize(view + site.normal * (1e-3 - view_cosine));
+    ivec2 texel = texel_of(pixel);
+    Surface surface = load_surface(texel);
+    vec3 view = view_of(site.position, site.normal);
 
     uint start = at * MICRO_PIXELS;
     const float cell_area = 4.0 / float(MICRO_PIXELS); // of the disc, whose area is pi
@@ -166,5 +130,5 @@ void main() {
     // sums are right.
     radiance = max(vec3(0.0), radiance + (all - seen) * tame / tame_weight);
     if (MATERIAL == 0u) radiance += surface.emissive;
-    output_image[uint(texel.y) * gather.width + uint(texel.x)] = vec4(radiance, 1.0);
+    imageStore(output_image, int(output_index(texel)), vec4(radiance, 1.0));
 }

@@ -8,14 +8,15 @@ layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform sampler2D position_map;
 layout(binding = 1) uniform sampler2D normal_map;
-layout(std430, binding = 5) writeonly buffer ReceiverSpheres { vec4 receiver_spheres[]; };
-layout(std430, binding = 6) writeonly buffer ReceiverCones { vec4 receiver_cones[]; };
+layout(binding = 5, rgba32f) uniform writeonly imageBuffer receiver_spheres;
+layout(binding = 6, rgba32f) uniform writeonly imageBuffer receiver_cones;
 // One bit a covered pixel, eight words a tile, in Morton order.
 layout(std430, binding = 7) writeonly buffer Coverage { uint coverage[]; };
 
 shared vec4 positions[256]; // w: negative where nothing is covered
 shared vec3 normals[256];
 shared uint covered_bits[8];
+shared uint covered_any;
 
 // Even bits of a byte-sized Morton code, packed: 0b0y0x0y0x -> 0bxx.
 uint even_bits(uint code) {
@@ -40,8 +41,8 @@ void bound(uint first, uint count, uint slot) {
         normal_high = max(normal_high, normals[k]);
     }
     if (!any) {
-        receiver_spheres[slot] = vec4(0.0, 0.0, 0.0, -1.0);
-        receiver_cones[slot] = vec4(0.0, 0.0, 0.0, 1.0);
+        imageStore(receiver_spheres, int(slot), vec4(0.0, 0.0, 0.0, -1.0));
+        imageStore(receiver_cones, int(slot), vec4(0.0, 0.0, 0.0, 1.0));
         return;
     }
     vec3 centre = 0.5 * position_low + 0.5 * position_high;
@@ -57,14 +58,15 @@ void bound(uint first, uint count, uint slot) {
     }
     // Wider than rounding can make them too narrow.
     float size = abs(centre.x) + abs(centre.y) + abs(centre.z);
-    receiver_spheres[slot] = vec4(centre, radius * (1.0 + 1e-6) + size * 2e-7);
-    receiver_cones[slot] = vec4(axis, max(-1.0, cosine - 2e-6));
+    imageStore(receiver_spheres, int(slot), vec4(centre, radius * (1.0 + 1e-6) + size * 2e-7));
+    imageStore(receiver_cones, int(slot), vec4(axis, max(-1.0, cosine - 2e-6)));
 }
 
 void main() {
     uint tile = gl_WorkGroupID.x;
     uint code = gl_LocalInvocationID.x;
     if (code < 8u) covered_bits[code] = 0u;
+    if (code == 0u) covered_any = 0u;
     barrier();
     uvec2 at = uvec2(tile % region.tiles_x, tile / region.tiles_x) * 16u + uvec2(even_bits(code), even_bits(code >> 1u));
     vec4 sphere = vec4(0.0, 0.0, 0.0, -1.0);
@@ -75,19 +77,21 @@ void main() {
             sphere = vec4(position.xyz, 0.0);
             cone = vec4(texelFetch(normal_map, ivec2(at), 0).xyz, 1.0);
             atomicOr(covered_bits[code >> 5u], 1u << (code & 31u));
+            covered_any = 1u;
         }
     }
     positions[code] = sphere;
     normals[code] = cone.xyz;
-    receiver_spheres[tile * 256u + code] = sphere;
-    receiver_cones[tile * 256u + code] = cone;
+    imageStore(receiver_spheres, int(tile * 256u + code), sphere);
+    imageStore(receiver_cones, int(tile * 256u + code), cone);
     barrier();
     uint level_first = region.pixels;
     for (uint level = 1u; level <= 4u; ++level) {
         uint receivers = 256u >> (2u * level);
         if (code < receivers) {
             uint slot = level_first + tile * receivers + code;
-            bound(code << (2u * level), 1u << (2u * level), slot);
+            // One look is enough where there is nothing: software devices skip loops, not branches.
+            bound(code << (2u * level), covered_any == 0u ? 1u : 1u << (2u * level), slot);
         }
         level_first += region.pixels >> (2u * level);
     }

@@ -13,7 +13,7 @@
 layout(local_size_x = 64) in;
 
 layout(binding = 10) uniform usamplerBuffer handed_pairs;
-layout(std430, binding = 11) writeonly buffer CutPairs { uvec2 cut_pairs[]; };
+layout(binding = 11, rg32ui) uniform writeonly uimageBuffer cut_pairs;
 
 // Some devices end long loops silently (lavapipe after 65,535 turns of a SIMD group): an invocation takes no more pairs
 // after this many turns, and one that a single pair keeps longer than the other gives the batch up.
@@ -22,7 +22,7 @@ const uint TOO_MANY_TURNS = 60000u;
 
 void append(uint node, uint receiver) {
     uint at = atomicAdd(cut_count, 1u);
-    if (at < traversal.capacity) cut_pairs[at] = uvec2(node, receiver);
+    if (at < traversal.capacity) imageStore(cut_pairs, int(at), uvec4(node, receiver, 0u, 0u));
 }
 
 // A number for each level below the one that a walk starts at, in registers.

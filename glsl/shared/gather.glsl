@@ -14,5 +14,6 @@ layout(push_constant) uniform Gather {
     float stop_sin2;    // as in traversal.glsl, for classic's walk
     uint last_round;    // 1 in the last dispatch that a raster pass gets for this chunk
     float typical;      // mean luminance of the cloud
+    float radiance_scale; // radiance to the texels of `shared` tiles
     uint store_columns; // micro-buffers in a row of the paper's image store
 } gather;

@@ -18,7 +18,7 @@ layout(local_size_x = 32) in;
 layout(binding = 10, r32f) uniform imageBuffer nearest_depths;
 
 void hide(uint start, ivec2 cell, float depth) {
-    int at = int(start) + cell.y * int(SIZE) + cell.x;
+    int at = cell_at(start, cell);
     if (depth < imageLoad(nearest_depths, at).x) imageStore(nearest_depths, at, vec4(depth));
 }
 
@@ -31,10 +31,10 @@ void rasterise(uint start, Site site, uint node, vec3 centre, vec3 area_vector) 
     if (footprint.density <= 0.0) return;
     drawn += 1u;
     vec2 middle = 0.5 * (footprint.low + footprint.high);
-    hide(start, ivec2(clamp(middle, vec2(0.0), vec2(float(SIZE) - 1.0))), footprint.depth);
+    hide(start, kept(middle, float(SIZE) - 1.0), footprint.depth);
     // Boxes narrower than a micro-pixel hold no centre but that of their home.
-    ivec2 first = ivec2(clamp(ceil(footprint.low - 0.5), vec2(0.0), vec2(float(SIZE))));
-    ivec2 end = ivec2(clamp(floor(footprint.high + 0.5), vec2(0.0), vec2(float(SIZE))));
+    ivec2 first = kept(ceil(footprint.low - 0.5), float(SIZE));
+    ivec2 end = kept(floor(footprint.high + 0.5), float(SIZE));
     ivec2 count = max(end, first) - first;
     if (count.x * count.y <= 1) return;
     work += uint(count.x * count.y);

@@ -199,6 +199,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         material: args.material,
         stop: args.stop,
         switch: args.switch,
+        parallax: Settings::DEFAULT_PARALLAX,
         memory_budget: args.memory_budget << 20,
         pair_capacity: None,
     };

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use super::renderer::{Batch, Outcome, Region};
-use super::{FrameStats, Settings, Technique};
+use super::FrameStats;
+use super::renderer::{Outcome, Region};
 use crate::Result;
 use crate::gpu::{Context, Recorder};
 use crate::passes::bin::{BatchCounters, BinPass, PreparePass};
 use crate::passes::refine::RefinePass;
 use crate::passes::traverse::{FeedbackBuffers, PAIR_BYTES, TraversePass};
-use crate::passes::{GpuHierarchy, Traversal};
+use crate::passes::{CutRules, GpuHierarchy, Receiver, Traversal};
 
 /// The passes and buffers of both techniques.
 pub(super) struct Feedback {
@@ -32,37 +32,37 @@ struct Refinement {
 }
 
 /// Bytes that one pair of capacity costs: ping, pong, done, the sorted nodes, and hybrid's cut.
-pub(super) fn bytes_per_pair(technique: Technique) -> u64 {
-    3 * PAIR_BYTES + 4 + if technique == Technique::Hybrid { PAIR_BYTES } else { 0 }
+pub(super) fn bytes_per_pair(hybrid: bool) -> u64 {
+    3 * PAIR_BYTES + 4 + if hybrid { PAIR_BYTES } else { 0 }
 }
 
 impl Feedback {
     pub(super) fn new(
         context: &Arc<Context>,
-        settings: &Settings,
+        hybrid: bool,
+        rules: CutRules,
         hierarchy: &GpuHierarchy,
         capacity: u32,
     ) -> Result<Self> {
-        let hybrid = settings.technique == Technique::Hybrid;
         let iterations = TraversePass::iterations(hierarchy);
         let refinement = hybrid
             .then(|| -> Result<Refinement> {
                 Ok(Refinement {
-                    pass: RefinePass::new(context, settings.paper, capacity)?,
+                    pass: RefinePass::new(context, rules, capacity)?,
                     prepare: PreparePass::new(context, hybrid, false)?,
                 })
             })
             .transpose()?;
         Ok(Self {
             context: context.clone(),
-            traverse: TraversePass::new(context, hybrid, settings.paper)?,
+            traverse: TraversePass::new(context, hybrid, rules)?,
             prepare: PreparePass::new(context, hybrid, true)?,
             refinement,
             bin: BinPass::new(context)?,
             buffers: FeedbackBuffers::new(context, capacity, iterations)?,
             counters: BatchCounters::new(context)?,
             iterations,
-            pairs_per_tile: 12_000.0,
+            pairs_per_tile: if rules.shared { 2_000.0 } else { 12_000.0 },
         })
     }
 
@@ -76,7 +76,7 @@ impl Feedback {
         &mut self,
         hierarchy: &GpuHierarchy,
         region: &Region,
-        batch: &Batch,
+        receivers: &[Receiver],
         constants: Traversal,
         stats: &mut FrameStats,
     ) -> Result<Outcome> {
@@ -90,14 +90,8 @@ impl Feedback {
         region.lists.clear(&mut recorder);
         self.counters.clear(&mut recorder);
         // Pairs go round until none is left; those that are done come out of the second stream.
-        let queries = self.traverse.record(
-            &mut recorder,
-            &self.buffers,
-            &bindings,
-            &batch.receivers,
-            constants,
-            self.iterations,
-        )?;
+        let queries =
+            self.traverse.record(&mut recorder, &self.buffers, &bindings, receivers, constants, self.iterations)?;
         let mut sets = vec![self.prepare.record(&mut recorder, done_counter, counts, arguments, constants)?];
         let mut cut = &self.buffers.done;
         if let Some(Refinement { pass, prepare }) = &self.refinement {
@@ -116,11 +110,11 @@ impl Feedback {
         if traversed.overflowed || counted.cut > self.buffers.capacity {
             return Ok(Outcome::Overflowed);
         }
-        if batch.receivers.iter().all(|r| r.level() == crate::passes::Receiver::TILE_LEVEL) {
+        if receivers.iter().all(|r| r.level() == Receiver::TILE_LEVEL) {
             let most = u64::from(counted.cut).max(traversed.pairs_done).max(traversed.peak_pairs) as f64;
-            self.pairs_per_tile = most / batch.receivers.len() as f64 + 1.0;
+            self.pairs_per_tile = most / receivers.len() as f64 + 1.0;
         }
-        let name = if self.refinement.is_some() { "traverse (hybrid)" } else { "traverse (mipmapped)" };
+        let name = self.traverse.name;
         stats.visited_pairs += traversed.pairs_in + u64::from(counted.visited);
         stats.profile.count(name, "pairs_in", traversed.pairs_in);
         stats.profile.count(name, "pairs_out", traversed.pairs_done);

@@ -5,6 +5,8 @@ mod batch;
 mod feedback;
 mod plan;
 mod renderer;
+mod shared;
+mod tile_map;
 
 use std::fmt;
 use std::str::FromStr;
@@ -24,11 +26,13 @@ pub enum Technique {
     Mipmapped,
     /// The same until nodes are small, then depth first in compute (5.2.2).
     Hybrid,
+    /// One cut and one buffer for all pixels of a tile of the cone mipmap; not in the paper.
+    Shared,
 }
 
 impl Technique {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Classic, Self::Mipmapped, Self::Hybrid];
+    pub const ALL: [Self; 4] = [Self::Classic, Self::Mipmapped, Self::Hybrid, Self::Shared];
 
     /// The name it has everywhere.
     pub fn name(self) -> &'static str {
@@ -36,6 +40,7 @@ impl Technique {
             Self::Classic => "classic",
             Self::Mipmapped => "mipmapped",
             Self::Hybrid => "hybrid",
+            Self::Shared => "shared",
         }
     }
 }
@@ -53,7 +58,7 @@ impl FromStr for Technique {
         Self::ALL
             .into_iter()
             .find(|t| t.name() == text)
-            .ok_or_else(|| format!("{text:?} is no technique; there are classic, mipmapped and hybrid"))
+            .ok_or_else(|| format!("{text:?} is no technique; there are classic, mipmapped, hybrid and shared"))
     }
 }
 
@@ -76,6 +81,8 @@ pub struct Settings {
     pub stop: f64,
     /// Hybrid leaves the geometry shader at this many times a micro-pixel's solid angle (5.2.2: 32).
     pub switch: f64,
+    /// Shared: tiles whose mean parallax is more than this many texels are split.
+    pub parallax: f64,
     /// Most bytes of device objects at once.
     pub memory_budget: u64,
     /// Pairs that a feedback buffer holds; chosen from the budget where `None`.
@@ -87,6 +94,8 @@ impl Settings {
     pub const MICROBUFFER: std::ops::RangeInclusive<u32> = 8..=64;
     /// Default memory budget, bytes.
     pub const DEFAULT_BUDGET: u64 = 512 << 20;
+    /// Default parallax of tiles, texels.
+    pub const DEFAULT_PARALLAX: f64 = 0.5;
 }
 
 impl Default for Settings {
@@ -100,6 +109,7 @@ impl Default for Settings {
             material: MaterialChoice::File,
             stop: 4.0,
             switch: 32.0,
+            parallax: Self::DEFAULT_PARALLAX,
             memory_budget: Self::DEFAULT_BUDGET,
             pair_capacity: None,
         }
@@ -136,6 +146,10 @@ pub struct FrameStats {
     pub visited_pairs: u64,
     /// [node, pixel] pairs rasterised.
     pub rasterised_nodes: u64,
+    /// Shared: tiles that light the image.
+    pub tiles: u64,
+    /// Shared: pixels that were left to hybrid.
+    pub per_pixel: u64,
     /// Batches of tiles that the traversal ran in.
     pub batches: u64,
     /// Batches that overflowed, were split and run again.

@@ -1,19 +1,22 @@
 //! What fits: image regions, pair buffers and micro-buffers under a memory budget.
 
-use super::Settings;
+use super::{Settings, Technique, shared};
 use crate::gpu::Context;
 use crate::passes::rasterise::{MicroBuffers, RasterInfo};
+use crate::passes::tile_radiance::Tiles;
 use crate::passes::{gbuffer, receivers};
 use crate::{Error, Result};
 
 /// Staging for uploads and downloads comes and goes beside everything else.
-const STAGING: u64 = 18 << 20;
+const STAGING: u64 = 5 << 20;
 /// Fixed bytes a region pixel: G-buffer, receivers, output, list headers.
 const REGION_BYTES_PER_PIXEL: u64 = gbuffer::BYTES_PER_PIXEL + receivers::BYTES_PER_PIXEL + 16 + 11;
 /// Larger micro-buffer memory than this only leaves the caches.
 const MOST_MICROBUFFER_BYTES: u64 = 16 << 20;
 /// A dispatch sized from a count has at most 65,535 workgroups of 64.
 const MOST_PAIRS: u64 = 65_535 * 64;
+/// Tiles of technique `shared` have few pairs.
+const MOST_TILE_PAIRS: u64 = 1 << 20;
 
 /// Sizes for one scene and one budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +27,19 @@ pub(super) struct Plan {
     pub(super) pairs: u32,
     /// Micro-buffers at once.
     pub(super) micro_pixels: u32,
+    /// What technique `shared` has.
+    pub(super) tiles: Option<TilePlan>,
+}
+
+/// Sizes of technique `shared`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct TilePlan {
+    /// Buffers of tiles.
+    pub(super) slots: u32,
+    /// Tiles that are rasterised at once.
+    pub(super) at_once: u32,
+    /// Pairs that one feedback buffer holds.
+    pub(super) pairs: u32,
 }
 
 impl Plan {
@@ -37,13 +53,35 @@ impl Plan {
     ) -> Result<Self> {
         let budget = settings.memory_budget;
         let free = budget.saturating_sub(scene_bytes + STAGING);
+        let shared = settings.technique == Technique::Shared;
         let sides = [1024, 512, 256, 128, 64, 32, 16_u32];
-        let region_bytes = |side: u32| {
-            let clip = |length: u32| u64::from(length.min(side).next_multiple_of(16));
-            clip(settings.width) * clip(settings.height) * REGION_BYTES_PER_PIXEL
+        // Technique `shared` takes in the tiles around a region.
+        let margin = if shared { 32 } else { 0 };
+        let region_pixels = |side: u32| {
+            let clip = |length: u32| u64::from(length.min(side + margin).next_multiple_of(16));
+            clip(settings.width) * clip(settings.height)
         };
-        let region = sides.into_iter().find(|side| region_bytes(*side) <= free / 8 * 5).unwrap_or(16);
-        let rest = free.saturating_sub(region_bytes(region));
+        let tile_bytes = Tiles::bytes(shared::texels(settings.microbuffer));
+        // Room for some tiles to split.
+        let slots = |side: u32| region_pixels(side) / 256 * 3 / 2 + 16;
+        let fits = |side: &u32| {
+            let share = if shared { 2 } else { 5 };
+            region_pixels(*side) * REGION_BYTES_PER_PIXEL <= free / 8 * share
+                && (!shared || slots(*side) * tile_bytes <= free / 4)
+        };
+        let region = sides.into_iter().find(fits).unwrap_or(16);
+        let mut rest = free.saturating_sub(region_pixels(region) * REGION_BYTES_PER_PIXEL);
+        let tiles = shared.then(|| {
+            rest = rest.saturating_sub(slots(region) * tile_bytes);
+            let sums = shared::raster_info(settings);
+            let at_once = ((rest / 4).min(MOST_MICROBUFFER_BYTES) / sums.bytes_per_pixel())
+                .min(MicroBuffers::most(context, sums))
+                .max(1);
+            rest = rest.saturating_sub(at_once * sums.bytes_per_pixel());
+            let pairs = (rest / 2 / bytes_per_pair).clamp(64, MOST_TILE_PAIRS);
+            rest = rest.saturating_sub(pairs * bytes_per_pair);
+            TilePlan { slots: slots(region) as u32, at_once: at_once as u32, pairs: pairs as u32 }
+        });
         let micro = raster.bytes_per_pixel();
         let micro_pixels = (rest / 2).min(MOST_MICROBUFFER_BYTES) / micro;
         let micro_pixels = micro_pixels.min(MicroBuffers::most(context, raster)) / 4 * 4;
@@ -53,13 +91,16 @@ impl Plan {
         // One block of pixels and a few pairs are the least that makes progress.
         let (least_pixels, least_pairs) = (4, 64);
         if micro_pixels < least_pixels || pairs < least_pairs {
-            let needed = scene_bytes + STAGING + region_bytes(16) + 2 * (least_pixels * micro + (1 << 20));
+            let needed = scene_bytes
+                + STAGING
+                + region_pixels(16) * REGION_BYTES_PER_PIXEL
+                + 2 * (least_pixels * micro + (1 << 20));
             return Err(Error::Limit(format!(
                 "a memory budget of {} MiB is too small for this scene: it needs about {} MiB",
                 budget >> 20,
                 needed.div_ceil(1 << 20)
             )));
         }
-        Ok(Self { region, pairs: pairs as u32, micro_pixels: micro_pixels as u32 })
+        Ok(Self { region, pairs: pairs as u32, micro_pixels: micro_pixels as u32, tiles })
     }
 }

@@ -9,7 +9,9 @@ use glam::Vec3;
 use super::batch::Coverage;
 use super::feedback::Feedback;
 use super::plan::Plan;
-use super::{Frame, FrameStats, Settings, Technique, feedback};
+use super::shared::{Shared, Shot};
+use super::tile_map::pixel_place;
+use super::{Frame, FrameStats, Paper, Settings, Technique, feedback};
 use crate::gpu::pipeline::Sampler;
 use crate::gpu::{Bindings, Buffer, Context, Recorder, Use};
 use crate::passes::bin::CutLists;
@@ -17,8 +19,9 @@ use crate::passes::convolve::{ConvolvePass, GpuFarField};
 use crate::passes::gbuffer::{GBuffer, GBufferPass, Rect, View};
 use crate::passes::rasterise::{MicroBuffers, RasterCounts, RasterInfo, RasterPass};
 use crate::passes::receivers::{ReceiverPass, Receivers};
+use crate::passes::tile_radiance::radiance_scale;
 use crate::passes::trace::TracePass;
-use crate::passes::{Gather, GpuHierarchy, Receiver, Traversal, sin2_of_share};
+use crate::passes::{CutRules, Gather, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, FarField, Object};
 use crate::{Error, Result};
@@ -26,6 +29,8 @@ use crate::{Error, Result};
 /// The images and buffers of one image region.
 pub(super) struct Region {
     rect: Rect,
+    /// The part of it that is lit; what lies around it only helps to light it.
+    core: Rect,
     gbuffer: GBuffer,
     pub(super) receivers: Receivers,
     pub(super) lists: CutLists,
@@ -62,23 +67,25 @@ pub struct CutPair {
 /// A scene on the device, ready to render frames of one size with one technique.
 pub struct Renderer {
     context: Arc<Context>,
-    settings: Settings,
+    pub(super) settings: Settings,
     plan: Plan,
-    hierarchy: GpuHierarchy,
+    pub(super) hierarchy: GpuHierarchy,
     /// Centre and radius of the object's bounds.
     bounds: (Vec3, f32),
-    far_field: GpuFarField,
+    pub(super) far_field: GpuFarField,
     gbuffer: GBufferPass,
     receivers: ReceiverPass,
+    /// Technique `shared`, which leaves to the others what it cannot do.
+    shared: Option<Shared>,
     /// None for classic, whose raster passes walk the hierarchy themselves.
     traverser: Option<Feedback>,
     raster_info: RasterInfo,
     raster: RasterPass,
     micro_buffers: MicroBuffers,
-    raster_counts: Buffer,
+    pub(super) raster_counts: Buffer,
     /// Dispatches that a chunk's raster passes are given; grows when they do not suffice.
     rounds: u32,
-    convolve: ConvolvePass,
+    pub(super) convolve: ConvolvePass,
     nearest: Sampler,
 }
 
@@ -103,6 +110,7 @@ impl Renderer {
     ) -> Result<Self> {
         check(&settings)?;
         let feedback = settings.technique != Technique::Classic;
+        let hybrid = matches!(settings.technique, Technique::Hybrid | Technique::Shared);
         if let (true, Some(why)) = (feedback, context.why_no_feedback()) {
             return Err(Error::Device(why));
         }
@@ -110,12 +118,18 @@ impl Renderer {
         let hierarchy = GpuHierarchy::new(context, hierarchy, settings.paper)?;
         let gbuffer = GBufferPass::new(context, object)?;
         let far_field = GpuFarField::new(context, far_field)?;
-        let raster_info = RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper };
-        let convolve = ConvolvePass::new(context, raster_info, settings.material)?;
+        let raster_info =
+            RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper, shared: false };
+        let convolve = ConvolvePass::new(context, raster_info, settings.material, far_field.height > 0)?;
         let scene_bytes = context.bytes_now() - before;
-        let bytes_per_pair = feedback::bytes_per_pair(settings.technique);
+        let bytes_per_pair = feedback::bytes_per_pair(hybrid);
         let plan = Plan::new(context, &settings, raster_info, scene_bytes, bytes_per_pair)?;
-        let traverser = feedback.then(|| Feedback::new(context, &settings, &hierarchy, plan.pairs)).transpose()?;
+        let rules = CutRules { paper: settings.paper, shared: false };
+        let traverser = feedback.then(|| Feedback::new(context, hybrid, rules, &hierarchy, plan.pairs)).transpose()?;
+        let shared = plan
+            .tiles
+            .map(|plan| Shared::new(context, &settings, &hierarchy, far_field.height > 0, plan))
+            .transpose()?;
         let image_pixels = settings.width.next_multiple_of(16) * settings.height.next_multiple_of(16);
         let (low, high) = object.bounds();
         Ok(Self {
@@ -132,6 +146,7 @@ impl Renderer {
             hierarchy,
             far_field,
             gbuffer,
+            shared,
             traverser,
             raster_info,
             convolve,
@@ -172,7 +187,8 @@ impl Renderer {
         for rect in self.regions() {
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
-            self.each_batch(&region, &coverage, &mut stats, |renderer, batch, _| {
+            let tiles = coverage.tiles();
+            self.each_batch(&region, &coverage, tiles, &mut stats, |renderer, batch, _| {
                 let bindings = renderer.shading_bindings(&region, batch);
                 let total = batch.pixels.len() as u32;
                 for first in (0..total).step_by(trace.chunk as usize) {
@@ -233,11 +249,23 @@ impl Renderer {
             let started = Instant::now();
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
-            let covered = coverage.count(&coverage.tiles());
+            let tiles: Vec<Receiver> = coverage.tiles().into_iter().filter(|tile| region.is_core(*tile)).collect();
+            let covered = coverage.count(&tiles);
             let (done_before, total) = (stats.covered_pixels, stats.covered_pixels + covered);
             stats.covered_pixels = total;
-            let mut done = 0;
-            self.each_batch(&region, &coverage, &mut stats, |renderer, batch, stats| {
+            let left = match self.shared.take() {
+                None => tiles,
+                Some(mut shared) => {
+                    let shot = Shot { renderer: self, region: &region, coverage: &coverage, camera, coverage_limit };
+                    let left = shared.light(&shot, &mut stats);
+                    self.shared = Some(shared);
+                    left?
+                }
+            };
+            let rest = coverage.count(&left);
+            stats.per_pixel += rest;
+            let mut done = covered - rest;
+            self.each_batch(&region, &coverage, left, &mut stats, |renderer, batch, stats| {
                 renderer.shade(&region, batch, camera, coverage_limit, stats, &mut |part| {
                     progress(done_before + done + part, total);
                 })?;
@@ -277,14 +305,29 @@ impl Renderer {
         list
     }
 
+    /// A rectangle and the tiles around it.
+    fn with_neighbours(&self, core: Rect) -> Rect {
+        let (x, y) = (core.x.saturating_sub(16), core.y.saturating_sub(16));
+        let width = (core.x + core.width + 16).min(self.settings.width) - x;
+        let height = (core.y + core.height + 16).min(self.settings.height) - y;
+        Rect { x, y, width, height }
+    }
+
     /// G-buffer and receivers of a region.
-    fn prepare_region(&self, camera: &Camera, rect: Rect, stats: &mut FrameStats) -> Result<Region> {
+    fn prepare_region(&self, camera: &Camera, core: Rect, stats: &mut FrameStats) -> Result<Region> {
+        let rect = if self.shared.is_some() { self.with_neighbours(core) } else { core };
         let receivers = Receivers::new(&self.context, rect.width, rect.height)?;
         let region = Region {
             rect,
+            core,
             gbuffer: GBuffer::new(&self.context, rect.width, rect.height)?,
             lists: CutLists::new(&self.context, receivers.pixels, self.plan.pairs)?,
-            output: Buffer::new(&self.context, "output", u64::from(rect.width) * u64::from(rect.height) * 16)?,
+            output: Buffer::with_texels(
+                &self.context,
+                "output",
+                u64::from(rect.width) * u64::from(rect.height) * 16,
+                vk::Format::R32G32B32A32_SFLOAT,
+            )?,
             receivers,
         };
         let (centre, radius) = self.bounds;
@@ -317,6 +360,7 @@ impl Renderer {
         &mut self,
         region: &Region,
         coverage: &Coverage,
+        mut tiles: Vec<Receiver>,
         stats: &mut FrameStats,
         mut finish: impl FnMut(&mut Self, &Batch, &mut FrameStats) -> Result<()>,
     ) -> Result<()> {
@@ -326,9 +370,9 @@ impl Renderer {
             stop_sin2: self.stop_sin2(),
             switch_sin2: sin2_of_share(switch),
             capacity: 0,
+            first_list: 0,
         };
         // Tiles that wait, the next one last, and batches that are ready because they were split.
-        let mut tiles = coverage.tiles();
         tiles.reverse();
         let mut ready: Vec<Vec<Receiver>> = Vec::new();
         loop {
@@ -345,7 +389,7 @@ impl Renderer {
             let batch = self.batch(coverage, receivers)?;
             let outcome = match &mut self.traverser {
                 None => Outcome::Done,
-                Some(traverser) => traverser.cut(&self.hierarchy, region, &batch, constants, stats)?,
+                Some(traverser) => traverser.cut(&self.hierarchy, region, &batch.receivers, constants, stats)?,
             };
             match outcome {
                 Outcome::Done => {
@@ -408,7 +452,7 @@ impl Renderer {
         let bindings = self.shading_bindings(region, batch);
         let raster_sets = self.raster.bind(&bindings, &self.micro_buffers)?;
         let convolve_set = self.convolve.bind(bindings, &self.far_field)?;
-        let before: RasterCounts = self.raster_counts.download(1)?[0];
+        let before = self.raster_counts()?;
         let mut recorder = Recorder::new(&self.context)?;
         for first in starts {
             let count = self.micro_buffers.pixels.min(batch.pixels.len() as u32 - first);
@@ -421,15 +465,31 @@ impl Renderer {
             self.convolve.record(&mut recorder, &convolve_set, constants)?;
         }
         recorder.finish(&mut stats.profile)?;
-        let after: RasterCounts = self.raster_counts.download(1)?[0];
-        let done = after.unfinished == before.unfinished;
+        self.raster_counts_since(before)
+    }
+
+    /// What the raster passes have counted.
+    pub(super) fn raster_counts(&self) -> Result<RasterCounts> {
+        Ok(self.raster_counts.download(1)?[0])
+    }
+
+    /// Whether a submission that started with the given counts finished all it had; otherwise they are put back.
+    pub(super) fn raster_counts_since(&self, before: RasterCounts) -> Result<bool> {
+        let done = self.raster_counts()?.unfinished == before.unfinished;
         if !done {
             self.raster_counts.upload(bytemuck::bytes_of(&before))?;
         }
         Ok(done)
     }
 
-    fn gather(&self, region: &Region, camera: &Camera, coverage_limit: f32, first: u32, count: u32) -> Gather {
+    pub(super) fn gather(
+        &self,
+        region: &Region,
+        camera: &Camera,
+        coverage_limit: f32,
+        first: u32,
+        count: u32,
+    ) -> Gather {
         // Not so dark that the scale would be infinite: black clouds.
         let brightest = f64::from(self.hierarchy.brightest.max(1e-20));
         Gather {
@@ -448,6 +508,7 @@ impl Renderer {
             stop_sin2: self.stop_sin2(),
             last_round: 0,
             typical: self.hierarchy.typical.max(1e-20),
+            radiance_scale: radiance_scale(self.hierarchy.brightest.max(self.far_field.brightest)),
             store_columns: self.micro_buffers.columns(),
         }
     }
@@ -458,11 +519,17 @@ impl Renderer {
 
     fn shading_bindings<'a>(&'a self, region: &'a Region, batch: &'a Batch) -> Bindings<'a> {
         let nodes = region.receivers.bindings(self.hierarchy.bindings());
+        let surfaces = self.surface_bindings(region);
         self.micro_buffers
-            .bindings(region.lists.bindings(nodes))
+            .bindings(region.lists.bindings(nodes.and(surfaces)))
             .buffer("Entries", &batch.entries)
             .buffer("RasterCounts", &self.raster_counts)
-            .buffer("OutputImage", &region.output)
+    }
+
+    /// The G-buffer's materials and the output.
+    pub(super) fn surface_bindings<'a>(&'a self, region: &'a Region) -> Bindings<'a> {
+        Bindings::new()
+            .buffer("output_image", &region.output)
             .sampled("normal_map", &region.gbuffer.normal, self.nearest.handle)
             .sampled("base_metallic_map", &region.gbuffer.base_metallic, self.nearest.handle)
             .sampled("emissive_roughness_map", &region.gbuffer.emissive_roughness, self.nearest.handle)
@@ -475,7 +542,8 @@ impl Renderer {
         let position: Vec<[f32; 4]> = read_image(&region.gbuffer.position)?;
         let normal: Vec<[f32; 4]> = read_image(&region.gbuffer.normal)?;
         let albedo: Vec<[half::f16; 4]> = read_image(&region.gbuffer.base_metallic)?;
-        for i in 0..pixels {
+        let Rect { width, x, y, .. } = region.rect;
+        for i in (0..pixels).filter(|i| region.core.holds(x + *i as u32 % width, y + *i as u32 / width)) {
             let at = region.rect.index(i as u32, frame.width);
             frame.rgba[at] = output[i];
             frame.position[at] = position[i];
@@ -487,6 +555,11 @@ impl Renderer {
 }
 
 impl Rect {
+    /// Whether a pixel of the image is in it.
+    fn holds(&self, x: u32, y: u32) -> bool {
+        (self.x..self.x + self.width).contains(&x) && (self.y..self.y + self.height).contains(&y)
+    }
+
     /// Index in an image of the given width of the rectangle's `i`th pixel.
     fn index(&self, i: u32, width: u32) -> usize {
         ((self.y + i / self.width) * width + self.x + i % self.width) as usize
@@ -494,13 +567,16 @@ impl Rect {
 }
 
 impl Region {
+    /// Whether a receiver is lit here.
+    pub(super) fn is_core(&self, receiver: Receiver) -> bool {
+        let (x, y) = pixel_place(receiver.pixels().start, self.receivers.tiles_x);
+        self.core.holds(self.rect.x + x, self.rect.y + y)
+    }
+
     /// Index in the image of a pixel slot.
     fn pixel_of(&self, slot: u32, width: u32) -> u32 {
-        let (tile, code) = (slot / 256, slot % 256);
-        let even_bits = |bits: u32| (0..4).map(|i| (bits >> (2 * i) & 1) << i).sum::<u32>();
-        let x = self.rect.x + tile % self.receivers.tiles_x * 16 + even_bits(code);
-        let y = self.rect.y + tile / self.receivers.tiles_x * 16 + even_bits(code >> 1);
-        y * width + x
+        let (x, y) = pixel_place(slot, self.receivers.tiles_x);
+        (self.rect.y + y) * width + self.rect.x + x
     }
 }
 
@@ -525,6 +601,9 @@ fn check(settings: &Settings) -> Result<()> {
     }
     if !Settings::MICROBUFFER.contains(&microbuffer) || microbuffer % 2 == 1 {
         return Err(Error::Argument(format!("a micro-buffer of {microbuffer} is not an even size from 8 to 64")));
+    }
+    if settings.technique == Technique::Shared && settings.paper != Paper::default() {
+        return Err(Error::Argument("technique shared has none of the paper's ways; take hybrid for --paper".into()));
     }
     if !(settings.stop > 0.0 && settings.switch >= settings.stop) {
         return Err(Error::Argument(format!(

@@ -12,7 +12,7 @@ use super::uses::Use;
 use crate::{Error, Result};
 
 /// Uploads and downloads go through a staging buffer of at most this many bytes, or one row of an image.
-const PIECE: usize = 16 << 20;
+const PIECE: usize = 4 << 20;
 
 /// A buffer on the device.
 pub struct Buffer {
@@ -63,6 +63,7 @@ impl Buffer {
         let texel = match format {
             vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
             vk::Format::R32G32_UINT => 8,
+            vk::Format::R16_UINT => 2,
             _ => 4,
         };
         let limit = u64::from(context.capabilities.max_texels);
@@ -153,13 +154,21 @@ impl Buffer {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn upload(&self, bytes: &[u8]) -> Result<()> {
+        self.upload_at(0, bytes)
+    }
+
+    /// Copies `bytes` to `offset` bytes from the start, where they must fit.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn upload_at(&self, offset: u64, bytes: &[u8]) -> Result<()> {
         if bytes.is_empty() {
             return Ok(());
         }
         let mut staging = Self::staging(&self.context, bytes.len().min(PIECE) as u64, MemoryLocation::CpuToGpu)?;
         for (i, piece) in bytes.chunks(PIECE).enumerate() {
             staging.mapped_mut()?[..piece.len()].copy_from_slice(piece);
-            let region = vk::BufferCopy::default().dst_offset((i * PIECE) as u64).size(piece.len() as u64);
+            let region = vk::BufferCopy::default().dst_offset(offset + (i * PIECE) as u64).size(piece.len() as u64);
             run_once(&self.context, |device, commands| {
                 // SAFETY: both buffers are live and large enough for the region.
                 unsafe { device.cmd_copy_buffer(commands, staging.handle, self.handle, &[region]) };
@@ -173,6 +182,14 @@ impl Buffer {
     /// # Errors
     /// When a Vulkan call fails.
     pub fn download<T: bytemuck::Pod>(&self, count: usize) -> Result<Vec<T>> {
+        self.download_at(0, count)
+    }
+
+    /// `count` values from `offset` bytes on.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn download_at<T: bytemuck::Pod>(&self, offset: u64, count: usize) -> Result<Vec<T>> {
         let total = count * size_of::<T>();
         let mut bytes = vec![0_u8; total];
         if total == 0 {
@@ -180,7 +197,7 @@ impl Buffer {
         }
         let staging = Self::staging(&self.context, total.min(PIECE) as u64, MemoryLocation::GpuToCpu)?;
         for (i, piece) in bytes.chunks_mut(PIECE).enumerate() {
-            let region = vk::BufferCopy::default().src_offset((i * PIECE) as u64).size(piece.len() as u64);
+            let region = vk::BufferCopy::default().src_offset(offset + (i * PIECE) as u64).size(piece.len() as u64);
             run_once(&self.context, |device, commands| {
                 // SAFETY: both buffers are live and large enough for the region.
                 unsafe { device.cmd_copy_buffer(commands, self.handle, staging.handle, &[region]) };

@@ -65,6 +65,12 @@ impl<'a> Bindings<'a> {
         self
     }
 
+    /// Adds all of another list.
+    pub fn and(mut self, others: Self) -> Self {
+        self.0.extend(others.0);
+        self
+    }
+
     fn find(&self, name: &str) -> Option<Resource<'a>> {
         self.0.iter().rev().find(|(known, _)| *known == name).map(|(_, r)| *r)
     }

@@ -31,7 +31,7 @@ impl CutLists {
 
     /// The list buffers under the names that shaders use.
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
-        others.buffer("Lists", &self.lists).buffer("CutNodes", &self.nodes).buffer("cut_nodes", &self.nodes)
+        others.buffer("Lists", &self.lists).buffer("cut_nodes", &self.nodes)
     }
 
     /// Records that no receiver has a list.
@@ -133,7 +133,7 @@ impl BinPass {
         arguments: &Buffer,
         constants: Traversal,
     ) -> Result<[DescriptorSet; 3]> {
-        let bindings = lists.bindings(Bindings::new().buffer("CutPairs", pairs).buffer("Counts", counts));
+        let bindings = lists.bindings(Bindings::new().buffer("cut_pairs", pairs).buffer("Counts", counts));
         let sets = [self.count.bind(&bindings)?, self.place.bind(&bindings)?, self.scatter.bind(&bindings)?];
         recorder.pass("bin", |device, commands| -> Result<()> {
             let turn = || {
@@ -141,7 +141,12 @@ impl BinPass {
             };
             self.count.dispatch_indirect(commands, &sets[0], &constants, arguments);
             turn();
-            self.place.dispatch(commands, &sets[1], &constants, Receiver::slots(constants.pixels))?;
+            self.place.dispatch(
+                commands,
+                &sets[1],
+                &constants,
+                Receiver::slots(constants.pixels) - constants.first_list,
+            )?;
             turn();
             self.scatter.dispatch_indirect(commands, &sets[2], &constants, arguments);
             Ok(())

@@ -26,7 +26,7 @@ pub enum MaterialChoice {
 }
 
 impl MaterialChoice {
-    fn code(self) -> u32 {
+    pub(crate) fn code(self) -> u32 {
         match self {
             Self::File => 0,
             Self::Diffuse(_) => 1,
@@ -107,6 +107,8 @@ pub struct GpuFarField {
     sampler: Sampler,
     /// Height in texels; 0 without a far field.
     pub height: u32,
+    /// The largest channel of any texel.
+    pub brightest: f32,
 }
 
 impl GpuFarField {
@@ -137,7 +139,13 @@ impl GpuFarField {
             image: Image::with_contents(context, info, &slices)?,
             sampler,
             height: far_field.map_or(0, |f| f.height),
+            brightest: source.radiance.iter().fold(0.0, |most, c| most.max(c.max_element())),
         })
+    }
+
+    /// The image under the name that shaders use.
+    pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
+        others.sampled("far_field", &self.image, self.sampler.handle)
     }
 }
 
@@ -176,16 +184,18 @@ pub struct ConvolvePass {
     pipeline: ComputePipeline,
     indices: Buffer,
     directions: Buffer,
-    overflowed: Buffer,
+    /// Not 0 where sums ran over.
+    pub overflowed: Buffer,
 }
 
 impl ConvolvePass {
-    /// Makes the pipeline.
+    /// Makes the pipeline, with a far field or without.
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn new(context: &Arc<Context>, info: RasterInfo, material: MaterialChoice) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, info: RasterInfo, material: MaterialChoice, far_field: bool) -> Result<Self> {
         let constants = [
+            Constant::new(10, far_field),
             Constant::new(3, info.size),
             Constant::new(5, info.paper.one_node()),
             Constant::new(6, info.paper.image),
@@ -213,11 +223,11 @@ impl ConvolvePass {
     /// When a resource is missing.
     pub fn bind<'a>(&'a self, bindings: Bindings<'a>, far_field: &'a GpuFarField) -> Result<DescriptorSet> {
         self.pipeline.bind(
-            &bindings
+            &far_field
+                .bindings(bindings)
                 .buffer("micro_indices", &self.indices)
                 .buffer("micro_directions", &self.directions)
-                .buffer("ConvolveCounts", &self.overflowed)
-                .sampled("far_field", &far_field.image, far_field.sampler.handle),
+                .buffer("ConvolveCounts", &self.overflowed),
         )
     }
 

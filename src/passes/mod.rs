@@ -6,6 +6,8 @@ pub mod gbuffer;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;
+pub mod tile_convolve;
+pub mod tile_radiance;
 pub mod trace;
 pub mod traverse;
 
@@ -30,6 +32,8 @@ pub struct Traversal {
     pub switch_sin2: f32,
     /// Pairs, or nodes a pixel, that fit where the pass appends.
     pub capacity: u32,
+    /// Receiver slot before which no receiver has a list.
+    pub first_list: u32,
 }
 
 /// Push constants of the raster passes and the convolution (`glsl/shared/gather.glsl`).
@@ -64,6 +68,8 @@ pub struct Gather {
     pub last_round: u32,
     /// Mean luminance of the cloud.
     pub typical: f32,
+    /// Radiance to the texels of the tiles of technique `shared`.
+    pub radiance_scale: f32,
     /// Micro-buffers in a row of the paper's image store.
     pub store_columns: u32,
 }
@@ -99,14 +105,26 @@ impl Paper {
     /// All of them.
     pub const ALL: Self = Self { image: true, coverage: true, weights: true, cut: true };
 
-    /// Constants that every traversal shader takes.
-    pub(crate) fn traversal_constants(self) -> [Constant; 2] {
-        [Constant::new(0, self.cut), Constant::new(1, self.coverage)]
-    }
-
     /// True when a micro-pixel keeps one node instead of a sum.
     pub fn one_node(self) -> bool {
         self.image || self.coverage
+    }
+}
+
+/// By which rules the nodes of a cut are chosen (`glsl/common/cut.glsl`).
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CutRules {
+    /// The paper's ways.
+    pub paper: Paper,
+    /// One cut for all pixels of a tile.
+    pub shared: bool,
+}
+
+impl CutRules {
+    /// Constants that every traversal shader takes.
+    pub(crate) fn constants(self) -> [Constant; 3] {
+        let Paper { cut, coverage, .. } = self.paper;
+        [Constant::new(0, cut), Constant::new(1, coverage), Constant::new(4, self.shared)]
     }
 }
 

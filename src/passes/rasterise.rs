@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::{Gather, Paper};
+use super::{CutRules, Gather, Paper};
 use crate::Result;
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet};
@@ -19,6 +19,8 @@ pub struct RasterInfo {
     pub walk: bool,
     /// The paper's ways.
     pub paper: Paper,
+    /// Buffers over the full sphere around tiles, instead of the hemispheres above pixels.
+    pub shared: bool,
 }
 
 impl RasterInfo {
@@ -28,6 +30,7 @@ impl RasterInfo {
         match self.paper {
             Paper { image: true, .. } => micro_pixels * 8,
             Paper { coverage: true, .. } => micro_pixels * 8,
+            _ if self.shared => micro_pixels * 52,
             _ => micro_pixels * 36,
         }
     }
@@ -42,9 +45,9 @@ impl RasterInfo {
     }
 
     /// Constants of the shaders that include `common/raster_loop.glsl`.
-    pub(crate) fn constants(&self) -> [Constant; 4] {
-        let [cut, coverage] = self.paper.traversal_constants();
-        [cut, coverage, Constant::new(2, self.walk), Constant::new(3, self.size)]
+    pub(crate) fn constants(&self) -> [Constant; 5] {
+        let [cut, coverage, shared] = CutRules { paper: self.paper, shared: self.shared }.constants();
+        [cut, coverage, shared, Constant::new(2, self.walk), Constant::new(3, self.size)]
     }
 }
 
@@ -55,6 +58,8 @@ pub struct MicroBuffers {
     pub nearest: Buffer,
     /// Fixed-point sums of two layers, four 32-bit numbers each; a token where one node a micro-pixel is kept.
     pub layers: Buffer,
+    /// Technique `shared`: sums of where in a texel its light comes from; a token otherwise.
+    middles: Buffer,
     /// The paper's store; a token otherwise.
     pub store: Image,
     /// How far each pixel of the chunk has come, by pass.
@@ -96,6 +101,12 @@ impl MicroBuffers {
                 if info.paper.one_node() { 0 } else { micro_pixels * 32 },
                 vk::Format::R32G32B32A32_UINT,
             )?,
+            middles: Buffer::with_texels(
+                context,
+                "texel middles",
+                if info.shared { micro_pixels * 16 } else { 0 },
+                vk::Format::R32G32B32A32_UINT,
+            )?,
             store,
             cursors: [
                 Buffer::new(context, "raster cursors", u64::from(pixels) * 4)?,
@@ -125,6 +136,7 @@ impl MicroBuffers {
             .buffer("Nearest", &self.nearest)
             .buffer("nearest_depths", &self.nearest)
             .buffer("layers", &self.layers)
+            .buffer("middles", &self.middles)
             .storage_image("store", &self.store)
     }
 
@@ -160,6 +172,9 @@ impl MicroBuffers {
                 }
                 if !self.info.paper.one_node() {
                     device.cmd_fill_buffer(commands, self.layers.handle, 0, micro_pixels * 32, 0);
+                }
+                if self.info.shared {
+                    device.cmd_fill_buffer(commands, self.middles.handle, 0, micro_pixels * 16, 0);
                 }
                 for cursors in &self.cursors {
                     device.cmd_fill_buffer(commands, cursors.handle, 0, u64::from(pixels) * 4, 0);

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use ash::vk;
+
 use super::traverse::PAIR_BYTES;
-use super::{Paper, Traversal};
+use super::{CutRules, Traversal};
 use crate::Result;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet};
 use crate::gpu::{Bindings, Buffer, Context, Recorder, Use};
@@ -20,10 +22,10 @@ impl RefinePass {
     ///
     /// # Errors
     /// When they do not fit the device.
-    pub fn new(context: &Arc<Context>, paper: Paper, capacity: u32) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, rules: CutRules, capacity: u32) -> Result<Self> {
         Ok(Self {
-            pipeline: ComputePipeline::new(context, "refine/refine.comp", &paper.traversal_constants())?,
-            cut: Buffer::new(context, "cut pairs", u64::from(capacity) * PAIR_BYTES)?,
+            pipeline: ComputePipeline::new(context, "refine/refine.comp", &rules.constants())?,
+            cut: Buffer::with_texels(context, "cut pairs", u64::from(capacity) * PAIR_BYTES, vk::Format::R32G32_UINT)?,
         })
     }
 
@@ -43,7 +45,7 @@ impl RefinePass {
     ) -> Result<DescriptorSet> {
         let set = self
             .pipeline
-            .bind(&bindings.buffer("handed_pairs", handed).buffer("CutPairs", &self.cut).buffer("Counts", counts))?;
+            .bind(&bindings.buffer("handed_pairs", handed).buffer("cut_pairs", &self.cut).buffer("Counts", counts))?;
         recorder.pass("refine", |_, commands| {
             self.pipeline.dispatch_indirect(commands, &set, &constants, arguments);
         });

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use super::{GpuHierarchy, Paper, Receiver, Traversal};
+use super::{CutRules, GpuHierarchy, Receiver, Traversal};
 use crate::gpu::context::vulkan;
 use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Shader, Specialization};
 use crate::gpu::recorder::barrier;
@@ -65,7 +65,8 @@ pub struct TraverseCounts {
 pub struct TraversePass {
     context: Arc<Context>,
     pipeline: Pipeline,
-    name: &'static str,
+    /// The pass's name in profiles.
+    pub name: &'static str,
 }
 
 /// Queries of one loop; lives until they are read.
@@ -83,17 +84,21 @@ impl TraversePass {
     ///
     /// # Errors
     /// [`Error::Device`] where the device has no geometry shaders or transform feedback.
-    pub fn new(context: &Arc<Context>, hybrid: bool, paper: Paper) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, hybrid: bool, rules: CutRules) -> Result<Self> {
         if let Some(why) = context.why_no_feedback() {
             return Err(Error::Device(why));
         }
         let vertex = Shader::new(context, "traverse/traverse.vert")?;
         let geometry = Shader::new(context, "traverse/traverse.geom")?;
         let layout = Layout::new(context, &[&vertex.reflection, &geometry.reflection])?;
-        let [cut, coverage] = paper.traversal_constants();
-        let specialization = Specialization::new(&[cut, coverage, Constant::new(2, hybrid)]);
+        let [cut, coverage, shared] = rules.constants();
+        let specialization = Specialization::new(&[cut, coverage, shared, Constant::new(2, hybrid)]);
         let handle = make_pipeline(context, &vertex, &geometry, layout.handle, &specialization)?;
-        let name = if hybrid { "traverse (hybrid)" } else { "traverse (mipmapped)" };
+        let name = match rules.shared {
+            true => "traverse (shared)",
+            false if hybrid => "traverse (hybrid)",
+            false => "traverse (mipmapped)",
+        };
         Ok(Self { context: context.clone(), pipeline: Pipeline::new(context, handle, layout, name), name })
     }
 

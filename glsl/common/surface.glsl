@@ -1,0 +1,45 @@
+// The surface that a pixel shows, from the G-buffer.
+layout(constant_id = 8) const uint MATERIAL = 0u; // 0 from the file, 1 diffuse, 2 metal
+
+layout(binding = 17) uniform sampler2D normal_map;
+layout(binding = 18) uniform sampler2D base_metallic_map;
+layout(binding = 19) uniform sampler2D emissive_roughness_map;
+
+struct Surface {
+    vec3 base_color;
+    float metallic;
+    vec3 emissive;
+    float roughness;
+    float specular;
+};
+
+// Even bits of a byte-sized Morton code, packed.
+uint even_bits(uint code) {
+    code &= 0x55u;
+    code = (code | (code >> 1u)) & 0x33u;
+    return (code | (code >> 2u)) & 0x0fu;
+}
+
+// Place in the image region of a pixel slot.
+ivec2 texel_of(uint pixel) {
+    uint tile = pixel >> 8u;
+    return ivec2(uvec2(tile % gather.tiles_x, tile / gather.tiles_x) * 16u
+                 + uvec2(even_bits(pixel), even_bits((pixel & 0xffu) >> 1u)));
+}
+
+uint output_index(ivec2 texel) { return uint(texel.y) * gather.width + uint(texel.x); }
+
+Surface load_surface(ivec2 texel) {
+    vec4 base_metallic = texelFetch(base_metallic_map, texel, 0);
+    vec4 emissive_roughness = texelFetch(emissive_roughness_map, texel, 0);
+    return Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, emissive_roughness.a,
+                   texelFetch(normal_map, texel, 0).a);
+}
+
+// Unit vector to the eye. A normal map may turn the normal away from a viewer that sees the surface: it is lit as if
+// seen edge-on.
+vec3 view_of(vec3 position, vec3 normal) {
+    vec3 view = normalize(gather.eye - position);
+    float view_cosine = dot(view, normal);
+    return view_cosine < 1e-3 ? normalize(view + normal * (1e-3 - view_cosine)) : view;
+}

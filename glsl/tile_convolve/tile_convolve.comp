@@ -1,0 +1,167 @@
+#version 460
+// Technique `shared`: blocks of 4 x 4 pixels, each the sum over the texels of the tiles around it of radiance times
+// BRDF (Sabbadin 2019, Eq. 9, with one buffer for many pixels). An invocation takes a block, so that every texel is
+// read, and blended between tiles, once for 16 pixels; their sums stay in registers, which is why loops over them are
+// written out.
+#extension GL_GOOGLE_include_directive : require
+#include "shared/gather.glsl"
+#include "common/receivers.glsl"
+#include "common/brdf.glsl"
+#include "common/octahedral.glsl"
+#include "common/surface.glsl"
+#include "common/tile_texel.glsl"
+
+layout(constant_id = 3) const uint SIZE = 34u;
+
+layout(local_size_x = 32) in;
+
+layout(binding = 10) uniform usamplerBuffer block_tiles; // passes::tile_convolve::BlockTiles
+layout(binding = 12) uniform usamplerBuffer texel_pairs; // lists of those above the horizon
+layout(binding = 13) uniform usamplerBuffer tile_texels;
+layout(binding = 15, rgba32f) uniform writeonly imageBuffer output_image;
+// Reflectance over the hemisphere, by roughness and view cosine: x the diffuse term times pi, y the specular lobe,
+// z the lobe times (1 - cos d)^5.
+layout(binding = 21) uniform sampler2D albedo_table;
+
+const uint PAIRS = SIZE * SIZE / 2u;
+
+// Sums of a pixel: radiance times BRDF, and the BRDF alone, by which they are divided: what the texels' finite number
+// adds or lacks is the same in both.
+struct Pixel {
+    vec3 normal; // zero where nothing is covered
+    vec3 view;
+    float alpha2;
+    float roughness;
+    float view_cosine;
+    vec4 diffuse;
+    vec4 lobe;
+    vec4 grazing_lobe;
+};
+
+Pixel load_pixel(uint index, bool lit) {
+    Pixel pixel;
+    vec4 position = receiver_sphere(index);
+    bool covered = lit && position.w >= 0.0;
+    pixel.normal = covered ? receiver_cone(index).xyz : vec3(0.0);
+    pixel.view = covered ? view_of(position.xyz, pixel.normal) : vec3(0.0);
+    pixel.view_cosine = dot(pixel.normal, pixel.view);
+    pixel.roughness = 1.0;
+    pixel.alpha2 = 1.0;
+    if (MATERIAL == 0u && covered) pixel.roughness = load_surface(texel_of(index)).roughness;
+    if (MATERIAL == 2u) pixel.roughness = sqrt(gather.material_parameter);
+    float alpha = max(1e-3, pixel.roughness * pixel.roughness);
+    pixel.alpha2 = alpha * alpha;
+    pixel.diffuse = pixel.lobe = pixel.grazing_lobe = vec4(0.0);
+    return pixel;
+}
+
+// Adds a texel with radiance.rgb from direction `light`; radiance.a is 1.
+void add(inout Pixel pixel, vec3 light, vec4 radiance) {
+    float cosine = max(0.0, dot(pixel.normal, light));
+    if (MATERIAL == 1u) {
+        pixel.diffuse += radiance * cosine;
+        return;
+    }
+    // With s = |l + v|^2: the distribution is alpha^2 / pi * (s / t)^2, masking over 4 cos i cos o is 1 / ((i + root i)
+    // (o + root o)); what is the same for all texels cancels.
+    float s = 2.0 + 2.0 * dot(pixel.view, light);
+    float middle = cosine + pixel.view_cosine;
+    float t = s - (1.0 - pixel.alpha2) * middle * middle + 1e-9;
+    float root = sqrt(pixel.alpha2 + (1.0 - pixel.alpha2) * cosine * cosine);
+    float lobe = cosine * s * s / (t * t * (cosine + root));
+    pixel.lobe += radiance * lobe;
+    if (MATERIAL == 0u) {
+        pixel.grazing_lobe += radiance * (lobe * pow5(1.0 - 0.5 * sqrt(s)));
+        float grazing = 0.5 + 0.5 * s * pixel.roughness; // cos^2 d is s / 4
+        float diffuse = mix(1.0, grazing, pow5(1.0 - cosine)) * mix(1.0, grazing, pow5(1.0 - pixel.view_cosine));
+        pixel.diffuse += radiance * (cosine * diffuse);
+    }
+}
+
+vec3 mean(vec4 sum) { return sum.rgb / max(sum.a, 1e-20); }
+
+void finish(Pixel pixel, uint index) {
+    if (pixel.normal == vec3(0.0)) return;
+    ivec2 texel = texel_of(index);
+    vec3 radiance;
+    if (MATERIAL == 1u) {
+        radiance = gather.material_parameter * mean(pixel.diffuse);
+    } else {
+        vec2 size = vec2(textureSize(albedo_table, 0));
+        vec2 at = vec2(pixel.roughness, max(0.0, pixel.view_cosine)) * (1.0 - 1.0 / size) + 0.5 / size;
+        vec3 albedo = textureLod(albedo_table, at, 0.0).xyz;
+        radiance = albedo.y * mean(pixel.lobe);
+        if (MATERIAL == 0u) {
+            Surface surface = load_surface(texel);
+            vec3 normal_incidence = mix(vec3(0.08 * surface.specular), surface.base_color, surface.metallic);
+            radiance = normal_incidence * radiance + (1.0 - normal_incidence) * (albedo.z * mean(pixel.grazing_lobe))
+                     + surface.base_color * ((1.0 - surface.metallic) * albedo.x) * mean(pixel.diffuse);
+        }
+    }
+    radiance /= gather.radiance_scale;
+    if (MATERIAL == 0u) radiance += load_surface(texel).emissive;
+    imageStore(output_image, int(output_index(texel)), vec4(radiance, 1.0));
+}
+
+// Pixels in Morton order: index, column, row.
+#define FOR_PIXELS(DO) \
+    DO(0, 0, 0) DO(1, 1, 0) DO(2, 0, 1) DO(3, 1, 1) DO(4, 2, 0) DO(5, 3, 0) DO(6, 2, 1) DO(7, 3, 1) \
+    DO(8, 0, 2) DO(9, 1, 2) DO(10, 0, 3) DO(11, 1, 3) DO(12, 2, 2) DO(13, 3, 2) DO(14, 2, 3) DO(15, 3, 3)
+
+
+// Middles of the columns and rows of a block.
+const float at_0 = 0.125, at_1 = 0.375, at_2 = 0.625, at_3 = 0.875;
+#define ADD(k, i, j) add(pixel_##k, light_##j + (at_##i - centre.x) * light_x, vec4(row_##j + at_##i * slope_##j, 1.0));
+#define ADD_ALL FOR_PIXELS(ADD)
+
+void main() {
+    uint at = gl_GlobalInvocationID.x;
+    if (at >= gather.entry_count) return;
+    int block = 7 * int(at);
+    uvec4 tiles = texelFetch(block_tiles, block) * PAIRS;
+    // Weights of the four tiles as polynomials of the place in the block: 1, x, y, x y.
+    vec4 constant = uintBitsToFloat(texelFetch(block_tiles, block + 1));
+    vec4 along_x = uintBitsToFloat(texelFetch(block_tiles, block + 2));
+    vec4 along_y = uintBitsToFloat(texelFetch(block_tiles, block + 3));
+    vec4 along_both = uintBitsToFloat(texelFetch(block_tiles, block + 4));
+    // In the middle of what is lit, where the place of the light is taken, and their slopes there.
+    vec4 middle = uintBitsToFloat(texelFetch(block_tiles, block + 5));
+    uvec4 work = texelFetch(block_tiles, block + 6);
+    uint quadrant = uint(findLSB(work.y)) >> 2u;
+    vec2 centre = work.y == 65535u ? vec2(0.5) : vec2(0.25) + 0.5 * vec2(quadrant & 1u, quadrant >> 1u);
+    vec4 middle_x = along_x + centre.y * along_both;
+    vec4 middle_y = along_y + centre.x * along_both;
+    uint first = work.x << 4u;
+#define LOAD(k, i, j) Pixel pixel_##k = load_pixel(first + uint(k), (work.y >> uint(k) & 1u) != 0u);
+    FOR_PIXELS(LOAD)
+    for (uint n = 0u; n < work.w; ++n) {
+        uint k = texelFetch(texel_pairs, int(work.z + n)).x;
+        uvec4 a = texelFetch(tile_texels, int(tiles.x + k));
+        uvec4 b = texelFetch(tile_texels, int(tiles.y + k));
+        uvec4 c = texelFetch(tile_texels, int(tiles.z + k));
+        uvec4 d = texelFetch(tile_texels, int(tiles.w + k));
+// Radiance in the four rows of the block at x = 0, and its slope along them.
+#define ROW(j) \
+        vec3 row_##j = base + at_##j * rise; \
+        vec3 slope_##j = run + at_##j * twist; \
+        vec3 light_##j = light + (at_##j - centre.y) * light_y;
+#define TEXEL(R, P) { \
+        mat4x3 four = mat4x3(texel_radiance(a.R), texel_radiance(b.R), texel_radiance(c.R), texel_radiance(d.R)); \
+        vec4 shine = vec3(1.0) * four + 1e-12; \
+        mat4x2 places = mat4x2(texel_place(a.P), texel_place(b.P), texel_place(c.P), texel_place(d.P)); \
+        vec4 share = middle * shine, share_x = middle_x * shine, share_y = middle_y * shine; \
+        float all = 1.0 / (share.x + share.y + share.z + share.w); \
+        vec2 place = places * share * all; \
+        vec2 step_x = (places * share_x - place * (share_x.x + share_x.y + share_x.z + share_x.w)) * all; \
+        vec2 step_y = (places * share_y - place * (share_y.x + share_y.y + share_y.z + share_y.w)) * all; \
+        vec3 light_x, light_y; \
+        vec3 light = octahedral_direction(place, step_x, step_y, light_x, light_y); \
+        vec3 base = four * constant, run = four * along_x, rise = four * along_y, twist = four * along_both; \
+        ROW(0) ROW(1) ROW(2) ROW(3) \
+        ADD_ALL }
+        TEXEL(x, y)
+        TEXEL(z, w)
+    }
+#define FINISH(k, i, j) finish(pixel_##k, first + uint(k));
+    FOR_PIXELS(FINISH)
+}
