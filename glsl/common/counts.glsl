@@ -4,5 +4,5 @@ layout(std430, binding = 12) buffer Counts {
     uint cut_count;     // pairs of the cut
     uint visited_count; // pairs that the compute pass looked at
     uint taken;         // pairs that the compute pass has begun, or asked for in vain
-    uint placed;        // nodes that have a place in a list
+    uint placed;        // nodes that have a place in a list; technique `shared`: nodes for the longest list
 };

@@ -12,7 +12,7 @@
 #include "common/microbuffer.glsl"
 #include "common/sums.glsl"
 
-layout(local_size_x = 32) in;
+layout(local_size_x = 32, local_size_x_id = 11) in;
 
 layout(binding = 10) uniform samplerBuffer nearest_depths;
 // Texels bring and take the four numbers of a layer at once.

@@ -20,9 +20,24 @@ layout(binding = 11, rg32ui) uniform writeonly uimageBuffer cut_pairs;
 const uint MOST_TURNS = 4000u;
 const uint TOO_MANY_TURNS = 60000u;
 
+// Technique `shared`: lists of tiles have places already.
+layout(std430, binding = 8) buffer Lists { uvec2 lists[]; };
+layout(binding = 9, r32ui) uniform writeonly uimageBuffer cut_nodes;
+
+uint found = 0u;
+uint longest = 0u;
+
 void append(uint node, uint receiver) {
-    uint at = atomicAdd(cut_count, 1u);
-    if (at < traversal.capacity) imageStore(cut_pairs, int(at), uvec4(node, receiver, 0u, 0u));
+    if (SHARED) {
+        uint slot = receiver_slot(traversal.pixels, receiver);
+        uint at = atomicAdd(lists[slot].y, 1u);
+        found += 1u;
+        longest = max(longest, at + 1u);
+        if (at < traversal.list_capacity) imageStore(cut_nodes, int(lists[slot].x + at), uvec4(node));
+    } else {
+        uint at = atomicAdd(cut_count, 1u);
+        if (at < traversal.capacity) imageStore(cut_pairs, int(at), uvec4(node, receiver, 0u, 0u));
+    }
 }
 
 // A number for each level below the one that a walk starts at, in registers.
@@ -88,6 +103,13 @@ void main() {
         }
     }
     atomicAdd(visited_count, visited);
+    if (SHARED) {
+        atomicAdd(cut_count, found);
+        atomicMax(placed, longest);
+    }
     // As if there were more pairs than fit: the batch is split.
-    if (turns == TOO_MANY_TURNS) atomicMax(cut_count, traversal.capacity + 1u);
+    if (turns == TOO_MANY_TURNS) {
+        if (SHARED) atomicMax(placed, traversal.list_capacity + 1u);
+        else atomicMax(cut_count, traversal.capacity + 1u);
+    }
 }

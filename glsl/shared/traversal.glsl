@@ -4,5 +4,5 @@ layout(push_constant) uniform Traversal {
     float stop_sin2;   // squared sine of the cone with the solid angle that stops the traversal (4 Omega)
     float switch_sin2; // the same for the solid angle at which hybrid leaves the geometry shader (32 Omega)
     uint capacity;     // pairs, or nodes a pixel, that fit where this pass appends
-    uint first_list;   // lists before this receiver slot stay empty
+    uint list_capacity; // nodes that fit a tile's list (technique `shared`)
 } traversal;

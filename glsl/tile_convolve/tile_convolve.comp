@@ -13,7 +13,7 @@
 
 layout(constant_id = 3) const uint SIZE = 34u;
 
-layout(local_size_x = 32) in;
+layout(local_size_x = 32, local_size_x_id = 11) in;
 
 layout(binding = 10) uniform usamplerBuffer block_tiles; // passes::tile_convolve::BlockTiles
 layout(binding = 12) uniform usamplerBuffer texel_pairs; // lists of those above the horizon

@@ -13,7 +13,7 @@
 #include "common/cut.glsl"
 #include "common/microbuffer.glsl"
 
-layout(local_size_x = 32) in;
+layout(local_size_x = 32, local_size_x_id = 11) in;
 
 layout(binding = 10, r32f) uniform imageBuffer nearest_depths;
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::FrameStats;
 use super::renderer::{Outcome, Region};
+use super::tile_map::FINEST;
 use crate::Result;
 use crate::gpu::{Context, Recorder};
 use crate::passes::bin::{BatchCounters, BinPass, PreparePass};
@@ -23,6 +24,16 @@ pub(super) struct Feedback {
     iterations: u32,
     /// Pairs of the cut that a tile has had so far, for sizing batches: most, rounded up.
     pairs_per_tile: f64,
+    /// Technique `shared`: tiles have lists of a fixed size.
+    lists: Option<TileLists>,
+}
+
+/// Lists of tiles.
+struct TileLists {
+    /// Nodes in all of them.
+    nodes: u32,
+    /// Nodes in one.
+    capacity: u32,
 }
 
 /// What hybrid has beside.
@@ -30,6 +41,9 @@ struct Refinement {
     pass: RefinePass,
     prepare: PreparePass,
 }
+
+/// Nodes in a tile's list, at first.
+const FIRST_LIST: u32 = 4096;
 
 /// Bytes that one pair of capacity costs: ping, pong, done, the sorted nodes, and hybrid's cut.
 pub(super) fn bytes_per_pair(hybrid: bool) -> u64 {
@@ -48,7 +62,7 @@ impl Feedback {
         let refinement = hybrid
             .then(|| -> Result<Refinement> {
                 Ok(Refinement {
-                    pass: RefinePass::new(context, rules, capacity)?,
+                    pass: RefinePass::new(context, rules, if rules.shared { 1 } else { capacity })?,
                     prepare: PreparePass::new(context, hybrid, false)?,
                 })
             })
@@ -62,13 +76,21 @@ impl Feedback {
             buffers: FeedbackBuffers::new(context, capacity, iterations)?,
             counters: BatchCounters::new(context)?,
             iterations,
-            pairs_per_tile: if rules.shared { 2_000.0 } else { 12_000.0 },
+            pairs_per_tile: if rules.shared { 500.0 } else { 12_000.0 },
+            lists: None,
         })
+    }
+
+    /// With lists for tiles, `nodes` in all.
+    pub(super) fn with_lists(mut self, nodes: u32) -> Self {
+        self.lists = Some(TileLists { nodes, capacity: FIRST_LIST.min(nodes) });
+        self
     }
 
     /// Tiles of the next batch.
     pub(super) fn batch_tiles(&self) -> usize {
-        (f64::from(self.buffers.capacity) / (1.3 * self.pairs_per_tile)).max(1.0) as usize
+        let lists = self.lists.as_ref().map_or(usize::MAX, |lists| (lists.nodes / lists.capacity) as usize);
+        ((f64::from(self.buffers.capacity) / (1.3 * self.pairs_per_tile)).max(1.0) as usize).min(lists)
     }
 
     /// The passes of a batch, in order.
@@ -80,14 +102,18 @@ impl Feedback {
         constants: Traversal,
         stats: &mut FrameStats,
     ) -> Result<Outcome> {
-        let constants = Traversal { capacity: self.buffers.capacity, ..constants };
-        let bindings = region.receivers.bindings(hierarchy.bindings());
+        let list_capacity = self.lists.as_ref().map_or(0, |lists| lists.capacity);
+        let constants = Traversal { capacity: self.buffers.capacity, list_capacity, ..constants };
+        let bindings = region.lists.bindings(region.receivers.bindings(hierarchy.bindings()));
         let BatchCounters { counts, arguments } = &self.counters;
         let done_counter = &self.buffers.done_counter;
 
         let mut recorder = Recorder::new(&self.context)?;
-        // No receiver has a list yet, nothing is counted.
-        region.lists.clear(&mut recorder);
+        // No receiver has a list yet, or empty ones, nothing is counted.
+        match self.lists {
+            None => region.lists.clear(&mut recorder),
+            Some(_) => region.lists.reserve(Receiver::new(FINEST, 0), receivers, constants.pixels, list_capacity)?,
+        }
         self.counters.clear(&mut recorder);
         // Pairs go round until none is left; those that are done come out of the second stream.
         let queries =
@@ -100,18 +126,31 @@ impl Feedback {
             sets.push(prepare.record(&mut recorder, done_counter, counts, arguments, constants)?);
             cut = &pass.cut;
         }
-        // Every receiver's nodes side by side.
-        let bin_sets = self.bin.record(&mut recorder, cut, &region.lists, counts, arguments, constants)?;
+        if self.lists.is_none() {
+            // Every receiver's nodes side by side.
+            sets.extend(self.bin.record(&mut recorder, cut, &region.lists, counts, arguments, constants)?);
+        }
         recorder.finish(&mut stats.profile)?;
-        drop((sets, bin_sets));
+        drop(sets);
 
         let traversed = queries.read()?;
         let counted = self.counters.read()?;
-        if traversed.overflowed || counted.cut > self.buffers.capacity {
+        let full = match &mut self.lists {
+            None => counted.cut > self.buffers.capacity,
+            Some(lists) => {
+                let full = counted.placed > lists.capacity;
+                if full {
+                    lists.capacity = counted.placed.next_power_of_two().min(lists.nodes);
+                }
+                full
+            }
+        };
+        if traversed.overflowed || full {
             return Ok(Outcome::Overflowed);
         }
         if receivers.iter().all(|r| r.level() == Receiver::TILE_LEVEL) {
-            let most = u64::from(counted.cut).max(traversed.pairs_done).max(traversed.peak_pairs) as f64;
+            let cut = if self.lists.is_some() { 0 } else { counted.cut };
+            let most = u64::from(cut).max(traversed.pairs_done).max(traversed.peak_pairs) as f64;
             self.pairs_per_tile = most / receivers.len() as f64 + 1.0;
         }
         let name = self.traverse.name;

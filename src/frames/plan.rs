@@ -16,7 +16,7 @@ const MOST_MICROBUFFER_BYTES: u64 = 16 << 20;
 /// A dispatch sized from a count has at most 65,535 workgroups of 64.
 const MOST_PAIRS: u64 = 65_535 * 64;
 /// Tiles of technique `shared` have few pairs.
-const MOST_TILE_PAIRS: u64 = 1 << 20;
+const MOST_TILE_PAIRS: u64 = 1 << 21;
 
 /// Sizes for one scene and one budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +40,15 @@ pub(super) struct TilePlan {
     pub(super) at_once: u32,
     /// Pairs that one feedback buffer holds.
     pub(super) pairs: u32,
+    /// Nodes in the lists of all tiles that are rasterised at once.
+    pub(super) nodes: u32,
+}
+
+impl Plan {
+    /// Nodes in all lists of a region.
+    pub(super) fn nodes(&self) -> u32 {
+        self.pairs.max(self.tiles.map_or(0, |tiles| tiles.nodes))
+    }
 }
 
 impl Plan {
@@ -78,9 +87,11 @@ impl Plan {
                 .min(MicroBuffers::most(context, sums))
                 .max(1);
             rest = rest.saturating_sub(at_once * sums.bytes_per_pixel());
-            let pairs = (rest / 2 / bytes_per_pair).clamp(64, MOST_TILE_PAIRS);
+            let nodes = (rest / 4 / 4).clamp(1024, MOST_TILE_PAIRS);
+            rest = rest.saturating_sub(nodes * 4);
+            let pairs = (rest / 3 / bytes_per_pair).clamp(64, MOST_TILE_PAIRS);
             rest = rest.saturating_sub(pairs * bytes_per_pair);
-            TilePlan { slots: slots(region) as u32, at_once: at_once as u32, pairs: pairs as u32 }
+            TilePlan { slots: slots(region) as u32, at_once: at_once as u32, pairs: pairs as u32, nodes: nodes as u32 }
         });
         let micro = raster.bytes_per_pixel();
         let micro_pixels = (rest / 2).min(MOST_MICROBUFFER_BYTES) / micro;

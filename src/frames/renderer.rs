@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::batch::Coverage;
 use super::feedback::Feedback;
@@ -72,6 +73,8 @@ pub struct Renderer {
     pub(super) hierarchy: GpuHierarchy,
     /// Centre and radius of the object's bounds.
     bounds: (Vec3, f32),
+    /// The object's vertices, for where it is in the image.
+    positions: Vec<Vec3>,
     pub(super) far_field: GpuFarField,
     gbuffer: GBufferPass,
     receivers: ReceiverPass,
@@ -134,6 +137,7 @@ impl Renderer {
         let (low, high) = object.bounds();
         Ok(Self {
             context: context.clone(),
+            positions: object.vertices.iter().map(|vertex| vertex.position).collect(),
             bounds: (0.5 * (low + high), 0.5 * (high - low).length()),
             receivers: ReceiverPass::new(context)?,
             raster: RasterPass::new(context, raster_info)?,
@@ -184,7 +188,7 @@ impl Renderer {
         let width = self.settings.width;
         let mut pairs = Vec::new();
         let mut stats = FrameStats::default();
-        for rect in self.regions() {
+        for rect in self.regions(camera) {
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
             let tiles = coverage.tiles();
@@ -213,7 +217,7 @@ impl Renderer {
         let (width, height) = (self.settings.width, self.settings.height);
         let mut all = vec![([0.0; 4], [0.0; 4]); (width * height) as usize];
         let mut stats = FrameStats::default();
-        for rect in self.regions() {
+        for rect in self.regions(camera) {
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let positions: Vec<[f32; 4]> = read_image(&region.gbuffer.position)?;
             let normals: Vec<[f32; 4]> = read_image(&region.gbuffer.normal)?;
@@ -245,7 +249,7 @@ impl Renderer {
         let mut stats = FrameStats::default();
         let mut wall = std::time::Duration::ZERO;
         self.raster_counts.upload(bytemuck::bytes_of(&RasterCounts::default()))?;
-        for rect in self.regions() {
+        for rect in self.regions(camera) {
             let started = Instant::now();
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
@@ -292,17 +296,55 @@ impl Renderer {
         Ok(frame)
     }
 
-    /// Rectangles that cover the image.
-    fn regions(&self) -> Vec<Rect> {
-        let Settings { width, height, .. } = self.settings;
+    /// Rectangles that cover the part of the image that shows the object; their corners are those of tiles.
+    fn regions(&self, camera: &Camera) -> Vec<Rect> {
+        let [low, high] = self.shown(camera);
         let side = self.plan.region;
         let mut list = Vec::new();
-        for y in (0..height).step_by(side as usize) {
-            for x in (0..width).step_by(side as usize) {
-                list.push(Rect { x, y, width: side.min(width - x), height: side.min(height - y) });
+        for y in (low[1]..high[1]).step_by(side as usize) {
+            for x in (low[0]..high[0]).step_by(side as usize) {
+                list.push(Rect { x, y, width: side.min(high[0] - x), height: side.min(high[1] - y) });
             }
         }
         list
+    }
+
+    /// Corners of the part of the image that shows the object: the first on a tile's corner, the second behind the last
+    /// pixel.
+    fn shown(&self, camera: &Camera) -> [[u32; 2]; 2] {
+        let Settings { width, height, .. } = self.settings;
+        let (centre, radius) = self.bounds;
+        if camera.from.distance(centre) <= radius * 1.01 {
+            return [[0; 2], [width, height]];
+        }
+        let (near, far) = self.depth_range(camera);
+        let clip_from_world = camera.clip_from_world(width as f32 / height as f32, near, far);
+        let nothing = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        let (low, high) = self
+            .positions
+            .par_iter()
+            .fold(
+                || nothing,
+                |(low, high), position| {
+                    let at = clip_from_world * position.extend(1.0);
+                    let at = Vec2::new(at.x, at.y) / at.w;
+                    (low.min(at), high.max(at))
+                },
+            )
+            .reduce(|| nothing, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        // A pixel more on each side, for rounding.
+        let pixel =
+            |v: f32, size: u32, more: f32| ((0.5 * v + 0.5) * size as f32 + more).clamp(0.0, size as f32) as u32;
+        let corner = |v: Vec2, more: f32| [pixel(v.x, width, more), pixel(v.y, height, more)];
+        [corner(low, -1.0).map(|v| v / 16 * 16), corner(high, 2.0)]
+    }
+
+    /// Nearest and farthest depth of the object.
+    fn depth_range(&self, camera: &Camera) -> (f32, f32) {
+        let (centre, radius) = self.bounds;
+        let distance = camera.from.distance(centre);
+        let far = (distance + radius) * 1.01 + 1e-6;
+        (((distance - radius) * 0.99).max(far * 1e-4), far)
     }
 
     /// A rectangle and the tiles around it.
@@ -321,7 +363,7 @@ impl Renderer {
             rect,
             core,
             gbuffer: GBuffer::new(&self.context, rect.width, rect.height)?,
-            lists: CutLists::new(&self.context, receivers.pixels, self.plan.pairs)?,
+            lists: CutLists::new(&self.context, receivers.pixels, self.plan.nodes())?,
             output: Buffer::with_texels(
                 &self.context,
                 "output",
@@ -330,16 +372,8 @@ impl Renderer {
             )?,
             receivers,
         };
-        let (centre, radius) = self.bounds;
-        let distance = camera.from.distance(centre);
-        let far = (distance + radius) * 1.01 + 1e-6;
-        let view = View {
-            width: self.settings.width,
-            height: self.settings.height,
-            region: rect,
-            near: ((distance - radius) * 0.99).max(far * 1e-4),
-            far,
-        };
+        let (near, far) = self.depth_range(camera);
+        let view = View { width: self.settings.width, height: self.settings.height, region: rect, near, far };
         let mut recorder = Recorder::new(&self.context)?;
         recorder.pass("clear output", |device, commands| {
             // SAFETY: the buffer is live and was made as a copy target.
@@ -370,7 +404,7 @@ impl Renderer {
             stop_sin2: self.stop_sin2(),
             switch_sin2: sin2_of_share(switch),
             capacity: 0,
-            first_list: 0,
+            list_capacity: 0,
         };
         // Tiles that wait, the next one last, and batches that are ready because they were split.
         tiles.reverse();

@@ -33,7 +33,7 @@ pub(super) fn raster_info(settings: &Settings) -> RasterInfo {
 
 /// A tile's pairs leave the geometry shader at so many times the solid angle that those of pixels do: there are few of
 /// them, and compute passes take them from there on more cores.
-const EARLY: f64 = 8.0;
+const EARLY: f64 = 32.0;
 
 /// The passes and buffers of the technique.
 pub(super) struct Shared {
@@ -71,7 +71,7 @@ impl Shared {
         let rules = CutRules { paper: Paper::default(), shared: true };
         Ok(Self {
             context: context.clone(),
-            feedback: Feedback::new(context, true, rules, hierarchy, plan.pairs)?,
+            feedback: Feedback::new(context, true, rules, hierarchy, plan.pairs)?.with_lists(plan.nodes),
             raster: RasterPass::new(context, info)?,
             sums: MicroBuffers::new(context, info, plan.at_once)?,
             radiance: TileRadiancePass::new(context, info.size, far_field)?,
@@ -150,16 +150,21 @@ impl Shared {
             stop_sin2: share(renderer.settings.stop),
             switch_sin2: share(EARLY * renderer.settings.switch),
             capacity: 0,
-            first_list: Receiver::new(FINEST, 0).slot(region.receivers.pixels),
+            list_capacity: 0,
         };
         let outcome = self.feedback.cut(&renderer.hierarchy, region, batch, constants, stats)?;
         if let Outcome::Overflowed = outcome {
             stats.splits += 1;
-            if let [tile] = batch {
-                left.push(*tile);
-                return Ok(());
-            }
-            let (first, second) = batch.split_at(batch.len() / 2);
+            let most = self.feedback.batch_tiles();
+            let (first, second) = match batch {
+                // Longer lists may do.
+                batch if batch.len() > most => batch.split_at(most),
+                [tile] => {
+                    left.push(*tile);
+                    return Ok(());
+                }
+                batch => batch.split_at(batch.len() / 2),
+            };
             self.fill(shot, first, map, free, left, stats)?;
             return self.fill(shot, second, map, free, left, stats);
         }

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
+use super::pipeline::{ComputePipeline, Constant};
 use crate::{Error, Result};
 
 /// How to pick a device.
@@ -359,6 +360,13 @@ impl Context {
             instance: start.instance,
             _entry: start.entry,
         }))
+    }
+
+    /// The size of a workgroup for passes with few and long invocations, where it matters: a software device runs one
+    /// workgroup on one core, and has as many lanes as this.
+    pub(crate) fn small_workgroup(&self) -> Option<Constant> {
+        let software = self.capabilities.kind == vk::PhysicalDeviceType::CPU;
+        software.then(|| Constant::new(ComputePipeline::WORKGROUP, 8_u32))
     }
 
     /// Bytes of device objects alive now.

@@ -332,6 +332,9 @@ pub struct ComputePipeline {
 }
 
 impl ComputePipeline {
+    /// Id of the constant that some shaders take for the invocations of their workgroup.
+    pub const WORKGROUP: u32 = 11;
+
     /// Compiles the named shader with the given constants.
     ///
     /// # Errors
@@ -352,7 +355,10 @@ impl ComputePipeline {
             .map_err(|(_, result)| vulkan("vkCreateComputePipelines")(result))?[0];
         Ok(Self {
             pipeline: Pipeline::new(context, handle, layout, shader),
-            workgroup: loaded.reflection.workgroup,
+            workgroup: constants
+                .iter()
+                .find(|c| c.id == Self::WORKGROUP)
+                .map_or(loaded.reflection.workgroup, |c| c.value),
             max_workgroups: context.capabilities.max_workgroups,
         })
     }

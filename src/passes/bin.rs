@@ -34,6 +34,19 @@ impl CutLists {
         others.buffer("Lists", &self.lists).buffer("cut_nodes", &self.nodes)
     }
 
+    /// Gives each of `tiles` a list for up to `capacity` nodes, and no other receiver from `first` on any.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn reserve(&self, first: Receiver, tiles: &[Receiver], pixels: u32, capacity: u32) -> Result<()> {
+        let first = first.slot(pixels);
+        let mut lists = vec![[0_u32; 2]; (Receiver::slots(pixels) - first) as usize];
+        for (i, tile) in tiles.iter().enumerate() {
+            lists[(tile.slot(pixels) - first) as usize][0] = i as u32 * capacity;
+        }
+        self.lists.upload_at(u64::from(first) * 8, bytemuck::cast_slice(&lists))
+    }
+
     /// Records that no receiver has a list.
     pub fn clear(&self, recorder: &mut Recorder) {
         recorder.pass("clear lists", |device, commands| {
@@ -56,7 +69,7 @@ pub struct Counts {
     pub visited: u32,
     /// Pairs that the compute pass has begun, or asked for in vain.
     pub taken: u32,
-    /// Nodes that have a place in a list.
+    /// Nodes that have a place in a list; technique `shared`: nodes for the longest list.
     pub placed: u32,
 }
 
@@ -141,12 +154,7 @@ impl BinPass {
             };
             self.count.dispatch_indirect(commands, &sets[0], &constants, arguments);
             turn();
-            self.place.dispatch(
-                commands,
-                &sets[1],
-                &constants,
-                Receiver::slots(constants.pixels) - constants.first_list,
-            )?;
+            self.place.dispatch(commands, &sets[1], &constants, Receiver::slots(constants.pixels))?;
             turn();
             self.scatter.dispatch_indirect(commands, &sets[2], &constants, arguments);
             Ok(())

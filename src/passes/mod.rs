@@ -32,8 +32,8 @@ pub struct Traversal {
     pub switch_sin2: f32,
     /// Pairs, or nodes a pixel, that fit where the pass appends.
     pub capacity: u32,
-    /// Receiver slot before which no receiver has a list.
-    pub first_list: u32,
+    /// Nodes that fit a tile's list (technique `shared`).
+    pub list_capacity: u32,
 }
 
 /// Push constants of the raster passes and the convolution (`glsl/shared/gather.glsl`).

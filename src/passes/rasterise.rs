@@ -220,6 +220,7 @@ impl RasterPass {
     /// When a Vulkan call fails.
     pub fn new(context: &Arc<Context>, info: RasterInfo) -> Result<Self> {
         let mut constants = info.constants().to_vec();
+        constants.extend(context.small_workgroup());
         let steps = if info.paper.one_node() {
             constants.extend([Constant::new(5, info.paper.coverage), Constant::new(6, info.paper.image)]);
             vec![("splat", ComputePipeline::new(context, "splat/splat.comp", &constants)?)]

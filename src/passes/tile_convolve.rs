@@ -111,7 +111,8 @@ impl TileConvolvePass {
             format: vk::Format::R16G16B16A16_SFLOAT,
             usage: vk::ImageUsageFlags::SAMPLED,
         };
-        let constants = [Constant::new(3, size), Constant::new(8, material.code())];
+        let mut constants = vec![Constant::new(3, size), Constant::new(8, material.code())];
+        constants.extend(context.small_workgroup());
         Ok(Self {
             pipeline: ComputePipeline::new(context, "tile_convolve/tile_convolve.comp", &constants)?,
             albedo_table: Image::with_contents(context, info, &[bytemuck::cast_slice(&texels)])?,
