@@ -4,7 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared/image_region.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = 64) in;
 
 layout(binding = 0) uniform sampler2D position_map;
 layout(binding = 1) uniform sampler2D normal_map;
@@ -13,10 +13,23 @@ layout(binding = 6, rgba32f) uniform writeonly imageBuffer receiver_cones;
 // One bit a covered pixel, eight words a tile, in Morton order.
 layout(std430, binding = 7) writeonly buffer Coverage { uint coverage[]; };
 
-shared vec4 positions[256]; // w: negative where nothing is covered
-shared vec3 normals[256];
+// An invocation has the four pixels of a receiver of level 1. Bounds are made from the pixels and not from the level
+// below, which is tighter than a cone around cones: the smallest sphere around the middle of the pixels' bounding box,
+// and the smallest cone around the direction in the middle of their normals' box.
+struct Box {
+    vec3 position_low;
+    vec3 position_high; // below `position_low` where nothing is covered
+    vec3 normal_low;
+    vec3 normal_high;
+};
+
+// Receivers of levels 1 to 4: 64, 16, 4, 1.
+shared Box boxes[85];
+// Of an invocation's pixels, for levels 2 to 4: largest distance from the middle, least cosine with the axis.
+shared vec2 reaches[192];
 shared uint covered_bits[8];
-shared uint covered_any;
+
+const uint FIRST[5] = uint[](0u, 0u, 64u, 80u, 84u);
 
 // Even bits of a byte-sized Morton code, packed: 0b0y0x0y0x -> 0bxx.
 uint even_bits(uint code) {
@@ -25,75 +38,100 @@ uint even_bits(uint code) {
     return (code | (code >> 2u)) & 0x0fu;
 }
 
-// Writes the bound of the covered ones among `count` pixels from `first`: the smallest sphere around the centre of
-// their bounding box and the smallest cone around the direction in the middle of their normals' box. Made from the
-// pixels and not from the level below, which is tighter than a cone around cones and costs a tile 1,280 steps in all.
-void bound(uint first, uint count, uint slot) {
-    vec3 position_low = vec3(1e38), position_high = vec3(-1e38);
-    vec3 normal_low = vec3(2.0), normal_high = vec3(-2.0);
-    bool any = false;
-    for (uint k = first; k < first + count; ++k) {
-        if (positions[k].w < 0.0) continue;
-        any = true;
-        position_low = min(position_low, positions[k].xyz);
-        position_high = max(position_high, positions[k].xyz);
-        normal_low = min(normal_low, normals[k]);
-        normal_high = max(normal_high, normals[k]);
-    }
-    if (!any) {
-        imageStore(receiver_spheres, int(slot), vec4(0.0, 0.0, 0.0, -1.0));
-        imageStore(receiver_cones, int(slot), vec4(0.0, 0.0, 0.0, 1.0));
-        return;
-    }
-    vec3 centre = 0.5 * position_low + 0.5 * position_high;
-    vec3 axis = normal_low + normal_high;
-    float axis_length = length(axis);
-    axis = axis_length > 1e-3 ? axis / axis_length : vec3(0.0, 1.0, 0.0);
-    float radius = 0.0;
-    float cosine = 1.0;
-    for (uint k = first; k < first + count; ++k) {
-        if (positions[k].w < 0.0) continue;
-        radius = max(radius, distance(positions[k].xyz, centre));
-        cosine = min(cosine, dot(normals[k], axis));
-    }
-    // Wider than rounding can make them too narrow.
-    float size = abs(centre.x) + abs(centre.y) + abs(centre.z);
-    imageStore(receiver_spheres, int(slot), vec4(centre, radius * (1.0 + 1e-6) + size * 2e-7));
-    imageStore(receiver_cones, int(slot), vec4(axis, max(-1.0, cosine - 2e-6)));
+Box empty_box() { return Box(vec3(1e38), vec3(-1e38), vec3(2.0), vec3(-2.0)); }
+
+Box around(Box a, Box b) {
+    return Box(min(a.position_low, b.position_low), max(a.position_high, b.position_high),
+               min(a.normal_low, b.normal_low), max(a.normal_high, b.normal_high));
 }
+
+bool is_empty(Box box) { return box.position_low.x > box.position_high.x; }
+
+vec3 middle_of(Box box) { return 0.5 * box.position_low + 0.5 * box.position_high; }
+
+vec3 axis_of(Box box) {
+    vec3 axis = box.normal_low + box.normal_high;
+    float axis_length = length(axis);
+    return axis_length > 1e-3 ? axis / axis_length : vec3(0.0, 1.0, 0.0);
+}
+
+void store(uint slot, Box box, vec2 reach) {
+    bool empty = is_empty(box);
+    vec3 middle = empty ? vec3(0.0) : middle_of(box);
+    vec3 axis = empty ? vec3(0.0) : axis_of(box);
+    // Wider than rounding can make them too narrow.
+    float size = abs(middle.x) + abs(middle.y) + abs(middle.z);
+    float radius = empty ? -1.0 : reach.x * (1.0 + 1e-6) + size * 2e-7;
+    imageStore(receiver_spheres, int(slot), vec4(middle, radius));
+    imageStore(receiver_cones, int(slot), vec4(axis, empty ? 1.0 : max(-1.0, reach.y - 2e-6)));
+}
+
+vec2 farther(vec2 a, vec2 b) { return vec2(max(a.x, b.x), min(a.y, b.y)); }
 
 void main() {
     uint tile = gl_WorkGroupID.x;
-    uint code = gl_LocalInvocationID.x;
-    if (code < 8u) covered_bits[code] = 0u;
-    if (code == 0u) covered_any = 0u;
+    uint lane = gl_LocalInvocationID.x;
+    if (lane < 8u) covered_bits[lane] = 0u;
     barrier();
-    uvec2 at = uvec2(tile % region.tiles_x, tile / region.tiles_x) * 16u + uvec2(even_bits(code), even_bits(code >> 1u));
-    vec4 sphere = vec4(0.0, 0.0, 0.0, -1.0);
-    vec4 cone = vec4(0.0, 0.0, 0.0, 1.0);
-    if (at.x < region.width && at.y < region.height) {
-        vec4 position = texelFetch(position_map, ivec2(at), 0);
-        if (position.w > 0.0) {
-            sphere = vec4(position.xyz, 0.0);
-            cone = vec4(texelFetch(normal_map, ivec2(at), 0).xyz, 1.0);
-            atomicOr(covered_bits[code >> 5u], 1u << (code & 31u));
-            covered_any = 1u;
+
+    vec4 spheres[4];
+    vec3 normals[4];
+    Box box = empty_box();
+    uint covered = 0u;
+    uvec2 corner = uvec2(tile % region.tiles_x, tile / region.tiles_x) * 16u;
+#define LOAD(k) { \
+        uint code = 4u * lane + k; \
+        uvec2 at = corner + uvec2(even_bits(code), even_bits(code >> 1u)); \
+        bool inside = at.x < region.width && at.y < region.height; \
+        vec4 position = texelFetch(position_map, ivec2(inside ? at : uvec2(0u)), 0); \
+        bool lit = inside && position.w > 0.0; \
+        spheres[k] = lit ? vec4(position.xyz, 0.0) : vec4(0.0, 0.0, 0.0, -1.0); \
+        normals[k] = lit ? texelFetch(normal_map, ivec2(at), 0).xyz : vec3(0.0); \
+        if (lit) { \
+            box = around(box, Box(position.xyz, position.xyz, normals[k], normals[k])); \
+            covered |= 1u << k; \
+        } \
+        imageStore(receiver_spheres, int(tile * 256u + code), spheres[k]); \
+        imageStore(receiver_cones, int(tile * 256u + code), vec4(normals[k], 1.0)); }
+    LOAD(0) LOAD(1) LOAD(2) LOAD(3)
+    if (covered != 0u) atomicOr(covered_bits[lane >> 3u], covered << (4u * (lane & 7u)));
+
+    boxes[lane] = box;
+    barrier();
+    for (uint level = 2u; level <= 4u; ++level) {
+        if (lane < 256u >> (2u * level)) {
+            uint child = FIRST[level - 1u] + 4u * lane;
+            boxes[FIRST[level] + lane] = around(around(boxes[child], boxes[child + 1u]),
+                                                around(boxes[child + 2u], boxes[child + 3u]));
         }
+        barrier();
     }
-    positions[code] = sphere;
-    normals[code] = cone.xyz;
-    imageStore(receiver_spheres, int(tile * 256u + code), sphere);
-    imageStore(receiver_cones, int(tile * 256u + code), cone);
-    barrier();
+
     uint level_first = region.pixels;
     for (uint level = 1u; level <= 4u; ++level) {
+        Box above = boxes[FIRST[level] + (lane >> (2u * (level - 1u)))];
+        vec3 middle = middle_of(above);
+        vec3 axis = axis_of(above);
+        vec2 reach = vec2(0.0, 1.0);
+#define REACH(k) if (spheres[k].w >= 0.0) { \
+            reach = farther(reach, vec2(distance(spheres[k].xyz, middle), dot(normals[k], axis))); }
+        REACH(0) REACH(1) REACH(2) REACH(3)
+        if (level == 1u) store(level_first + tile * 64u + lane, above, reach);
+        else reaches[64u * (level - 2u) + lane] = reach;
+        level_first += region.pixels >> (2u * level);
+    }
+    barrier();
+
+    level_first = region.pixels + (region.pixels >> 2u);
+    for (uint level = 2u; level <= 4u; ++level) {
         uint receivers = 256u >> (2u * level);
-        if (code < receivers) {
-            uint slot = level_first + tile * receivers + code;
-            // One look is enough where there is nothing: software devices skip loops, not branches.
-            bound(code << (2u * level), covered_any == 0u ? 1u : 1u << (2u * level), slot);
+        if (lane < receivers) {
+            uint share = 64u / receivers;
+            vec2 reach = vec2(0.0, 1.0);
+            for (uint k = 0u; k < share; ++k) reach = farther(reach, reaches[64u * (level - 2u) + lane * share + k]);
+            store(level_first + tile * receivers + lane, boxes[FIRST[level] + lane], reach);
         }
         level_first += region.pixels >> (2u * level);
     }
-    if (code < 8u) coverage[tile * 8u + code] = covered_bits[code];
+    if (lane < 8u) coverage[tile * 8u + lane] = covered_bits[lane];
 }
