@@ -37,12 +37,12 @@ float pow5(float x) {
 }
 
 // Burley 2012, Physically Based Shading at Disney: base colour, metallic, roughness and specular of the principled
-// model. Masking uses alpha = roughness^2 as the distribution does.
-vec3 principled(Angles a, vec3 base_color, float metallic, float roughness, float specular) {
+// model. Masking uses alpha = roughness^2 as the distribution does. `lobe_kept` scales the specular term.
+vec3 principled(Angles a, vec3 base_color, float metallic, float roughness, float specular, float lobe_kept) {
     float grazing = 0.5 + 2.0 * a.d * a.d * roughness;
     float diffuse = mix(1.0, grazing, pow5(1.0 - a.i)) * mix(1.0, grazing, pow5(1.0 - a.o)) / PI;
     vec3 normal_incidence = mix(vec3(0.08 * specular), base_color, metallic);
     vec3 fresnel = mix(normal_incidence, vec3(1.0), pow5(1.0 - a.d));
     float alpha = max(1e-3, roughness * roughness);
-    return base_color * (diffuse * (1.0 - metallic)) + fresnel * ggx_lobe(a, alpha);
+    return base_color * (diffuse * (1.0 - metallic)) + fresnel * (ggx_lobe(a, alpha) * lobe_kept);
 }

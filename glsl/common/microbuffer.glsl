@@ -3,7 +3,9 @@
 //
 // Technique `shared`: SIZE x SIZE texels over the full sphere around the middle of a tile, in world space, all of the
 // same solid angle.
+#include "common/lobe.glsl"
 #include "common/octahedral.glsl"
+#include "common/view.glsl"
 
 layout(constant_id = 3) const uint SIZE = 24u;
 
@@ -29,14 +31,19 @@ struct Site {
     vec3 normal;
     vec3 tangent;
     vec3 bitangent;
+    Lobe lobe; // only of narrow lobes
 };
 
-Site load_site(uint entry) {
+Site load_site(uint entry, uint index) {
     Site site;
     uint slot = SHARED ? receiver_slot(gather.pixels, entry) : entry;
     site.position = receiver_sphere(slot).xyz;
     site.normal = receiver_cone(slot).xyz;
     tangent_frame(site.normal, site.tangent, site.bitangent);
+    if (LOBE) {
+        float alpha = texelFetch(lobe_alphas, int(index)).x;
+        site.lobe = load_lobe(view_of(site.position, site.normal), site.normal, alpha);
+    }
     return site;
 }
 
@@ -60,6 +67,28 @@ struct Footprint {
     float depth;   // distance to the node's centre, metres
 };
 
+// A footprint on the disc of a lobe: by the places of the patch's half axes.
+Footprint lobe_footprint(Site site, vec3 direction, vec3 narrow, vec3 wide, float solid_angle) {
+    Footprint footprint;
+    const float to_micro = 0.5 * float(SIZE);
+    vec2 middle = lobe_place(site.lobe, site.tangent, site.bitangent, site.normal, direction);
+    vec2 along = lobe_place(site.lobe, site.tangent, site.bitangent, site.normal, normalize(direction + narrow)) - middle;
+    vec2 across = lobe_place(site.lobe, site.tangent, site.bitangent, site.normal, normalize(direction + wide)) - middle;
+    vec2 extent = sqrt(along * along + across * across) * to_micro;
+    float blur = clamp(0.5 + max(extent.x, extent.y), 1.0, 1.5);
+    extent = max(vec2(0.01), blur * extent);
+    middle = middle * to_micro + to_micro;
+    footprint.low = middle - extent;
+    footprint.high = middle + extent;
+    float covered = solid_angle * lobe_density(site.lobe, site.normal, direction) * (3.14159265 * to_micro * to_micro);
+    footprint.density = min(1.0, covered / (4.0 * extent.x * extent.y));
+    // Beyond the rim it covers nothing.
+    if (any(greaterThan(footprint.low, vec2(float(SIZE)))) || any(lessThan(footprint.high, vec2(0.0)))) {
+        footprint.density = 0.0;
+    }
+    return footprint;
+}
+
 Footprint footprint_of(Site site, vec3 centre, vec3 area_vector) {
     Footprint footprint;
     footprint.density = 0.0;
@@ -82,13 +111,18 @@ Footprint footprint_of(Site site, vec3 centre, vec3 area_vector) {
     precise float curvature = (9.0 - 15.0 * tilt * tilt) * inverse * inverse / inverse_area * 0.039788736;
     precise float solid_angle = curvature < 0.0 ? flat_angle / (1.0 - curvature) : flat_angle * min(1.0 + curvature, 1.25);
     precise float half_side = 0.5 * inverse / sqrt(inverse_area);
-    if (SHARED) {
+    if (SHARED || LOBE) {
         // The patch seen from the site is an ellipse, foreshortened along its lean.
         precise vec3 direction = to_node * inverse;
         vec3 lean = area_vector * inverse_area - tilt * direction;
         lean = dot(lean, lean) > 1e-6 ? normalize(lean) : site.tangent;
         precise vec3 narrow = lean * (half_side * abs(tilt));
         precise vec3 wide = cross(direction, lean) * half_side;
+        if (LOBE) {
+            footprint = lobe_footprint(site, direction, narrow, wide, solid_angle);
+            footprint.depth = depth;
+            return footprint;
+        }
         vec2 reach;
         precise vec2 middle = octahedral_place(direction, narrow, wide, reach) * float(SIZE);
         precise vec2 extent = reach * float(SIZE);

@@ -2,15 +2,16 @@
 //
 // Lists: the traversal left lists of nodes for the receivers of all levels, and a pixel's cut is what they hold for the
 // receivers above it. Neighbouring invocations read the same lists.
-// Walk: the pixel walks the whole hierarchy itself, depth first (classic PBGI: Sabbadin 2019, 5.2, after Ritschel 2009).
+// Walk: the pixel walks the whole hierarchy itself, depth first (classic PBGI: Sabbadin 2019, 5.2, after Ritschel 2009);
+// or the part of it that its narrow lobe may reflect.
 //
 // A dispatch does a bounded amount of work for each pixel and remembers how far it came: some devices end long loops
 // silently (lavapipe after 65,535 turns of all loops of a SIMD group together), others lose patience.
 layout(constant_id = 2) const bool WALK = false;
 
 // By entry of the chunk: where to go on, or FINISHED.
-layout(std430, binding = 17) buffer Cursors { uint cursors[]; };
-layout(std430, binding = 18) buffer RasterCounts {
+layout(std430, binding = 21) buffer Cursors { uint cursors[]; };
+layout(std430, binding = 22) buffer RasterCounts {
     uint unfinished_count; // pixels that need another dispatch
     uint reserved;
     uint64_t offered_count; // nodes handed to pixels
@@ -52,6 +53,44 @@ uint rasterise_lists(uint start, Site site, uint entry, uint cursor) {
     return FINISHED;
 }
 
+// A node as the walk of a pixel's narrow lobe sees it: opened while it is larger than the parts of the lobe's disc that
+// it may cover, left out beyond the lobe.
+uint decide_lobe(uint node, Area area, vec3 position, vec3 normal, Lobe lobe, float stop_sin2) {
+    vec4 sphere = node_sphere(node);
+    bool leaf = area.skip == node + 1u;
+    vec3 to_node = sphere.xyz - position;
+    float distance2 = dot(to_node, to_node);
+    float height = dot(normal, to_node);
+    float facing = dot(area.vector, to_node);
+    if (height + sphere.w < 0.0) return DISCARD;
+    if (distance2 <= sphere.w * sphere.w) return leaf ? (height > 0.0 && facing < 0.0 ? STOP : DISCARD) : DESCEND;
+    float inverse = inversesqrt(distance2);
+    // Angles: t of the node's middle from the mirror direction, r of its radius, a of the lobe.
+    float t_cosine = dot(to_node, lobe.mirror) * inverse;
+    float t_sine = sqrt(max(0.0, 1.0 - t_cosine * t_cosine));
+    float r_sine = sphere.w * inverse;
+    float r_cosine = sqrt(1.0 - r_sine * r_sine);
+    // t > a + r, where that is less than half a turn.
+    float reach = lobe.cosine * r_cosine - lobe.sine * r_sine;
+    if (lobe.sine * r_cosine + lobe.cosine * r_sine > 0.0 && t_cosine < reach) return DISCARD;
+    Cone cone = node_cone(node);
+    float along_cone = dot(to_node, cone.axis);
+    float cone_sine = sqrt(max(0.0, 1.0 - cone.cosine * cone.cosine));
+    float least = along_cone * cone.cosine - sqrt(max(0.0, distance2 - along_cone * along_cone)) * cone_sine;
+    if (!leaf && cone.cosine > 0.0 && least > sphere.w * (1.0 + 1e-3)) return DISCARD;
+    // The distribution at the nearest part of the node, t - r from the mirror direction, half of that in half vectors.
+    float near_cosine = t_cosine >= r_cosine ? 1.0 : t_cosine * r_cosine + t_sine * r_sine;
+    float h_cosine2 = 0.5 + 0.5 * near_cosine;
+    float spread = 1.0 - (1.0 - lobe.alpha2) * h_cosine2;
+    // (radius / distance)^2 of a node with the solid angle that stops, from the density of the disc: 8 / pi * share *
+    // (o . h) * spread^2 / alpha^2, in the units of `stop_sin2`, which are for micro-pixels of a hemisphere. Three times
+    // that costs half and is hardly worse.
+    float bound = stop_sin2 * 8.0 * LOBE_SHARE * max(0.25, lobe.view_cosine) * spread * spread / lobe.alpha2;
+    bool stops = !area.opens && (leaf || r_sine * r_sine <= min(bound, 0.1));
+    if (stops) return height > 0.0 && facing < 0.0 ? STOP : DISCARD;
+    return DESCEND;
+}
+
 uint rasterise_walk(uint start, Site site, uint pixel, uint cursor) {
     vec4 ball = receiver_sphere(pixel);
     vec4 normals = receiver_cone(pixel);
@@ -61,7 +100,8 @@ uint rasterise_walk(uint start, Site site, uint pixel, uint cursor) {
         work += 1u;
         visited += 1u;
         Area area = node_area(node);
-        uint action = decide(node, area, 0u, ball, normals, gather.stop_sin2);
+        uint action = LOBE ? decide_lobe(node, area, site.position, site.normal, site.lobe, gather.stop_sin2)
+                           : decide(node, area, 0u, ball, normals, gather.stop_sin2);
         if (action == STOP) offer(start, site, node, node_sphere(node).xyz, area.vector);
         node = action == DESCEND ? node + 1u : area.skip;
     }
@@ -74,7 +114,7 @@ void main() {
     uint cursor = cursors[at];
     if (cursor == FINISHED) return;
     uint entry = entries[gather.first_entry + at];
-    Site site = load_site(entry);
+    Site site = load_site(entry, gather.first_entry + at);
     uint start = at * MICRO_PIXELS;
     cursor = WALK ? rasterise_walk(start, site, entry, cursor) : rasterise_lists(start, site, entry, cursor);
     cursors[at] = cursor;

@@ -15,6 +15,7 @@
 layout(constant_id = 5) const bool ONE_NODE = false;      // colours come from the nearest node alone
 layout(constant_id = 6) const bool IMAGE_STORE = false;   // ... as the paper's image holds it
 layout(constant_id = 7) const bool PAPER_WEIGHTS = false; // Eq. 5
+layout(constant_id = 13) const bool SHARP = false; // some lobes have buffers of their own
 layout(constant_id = 9) const uint SUBSAMPLES = 1u;       // BRDF evaluations along a side of a micro-pixel
 
 layout(local_size_x = 64) in;
@@ -30,7 +31,8 @@ layout(binding = 15, rgba32f) uniform writeonly imageBuffer output_image;
 layout(std430, binding = 16) buffer ConvolveCounts { uint overflowed; };
 
 // A front layer that covers this share of a micro-pixel hides what lies behind; a smaller one lets the rest show.
-const float OPAQUE = 0.75;
+// The discs of lobes see single points, which cover their surface unevenly.
+const float OPAQUE = LOBE ? 0.25 : 0.75;
 // The covered radiance of an opaque front layer is summed as it is. Dividing by the covered share would move a lamp's
 // energy when it straddles micro-pixels, and halve a lamp that hangs close to a ceiling. What plain sums lack or have
 // too much in all, because footprints overlap unevenly and lean over the rim, is made good for the hemisphere as a whole.
@@ -67,8 +69,11 @@ vec3 reflectance(Surface surface, vec3 normal, vec3 light, vec3 view) {
     if (MATERIAL == 1u) return vec3(gather.material_parameter / PI);
     Angles angles = angles_of(normal, light, view);
     if (angles.i <= 0.0 || angles.o <= 0.0) return vec3(0.0);
-    if (MATERIAL == 2u) return vec3(ggx_lobe(angles, gather.material_parameter));
-    return principled(angles, surface.base_color, surface.metallic, surface.roughness, surface.specular);
+    float alpha = MATERIAL == 2u ? gather.material_parameter : max(1e-3, surface.roughness * surface.roughness);
+    // A lobe with a buffer of its own leaves its tails.
+    float kept = SHARP && alpha < gather.sharp_alpha ? 1.0 - lobe_weight_of(angles.h, alpha * alpha) : 1.0;
+    if (MATERIAL == 2u) return vec3(ggx_lobe(angles, alpha) * kept);
+    return principled(angles, surface.base_color, surface.metallic, surface.roughness, surface.specular, kept);
 }
 
 // Mean reflectance over a micro-pixel: the lobe may be narrower than it.
@@ -89,11 +94,32 @@ vec3 mean_reflectance(Surface surface, Site site, uint micro, vec3 light_middle,
     return count > 0.0 ? sum / count : reflectance(surface, site.normal, light_middle, view);
 }
 
+// What the part of a lobe's disc around `middle` reflects of its light, which comes from `light`: the share of the
+// distribution there times masking, Fresnel and the rest of Walter et al. 2007, Eq. 41.
+vec3 lobe_reflectance(Surface surface, Site site, vec2 middle, out vec3 light) {
+    float share = min(dot(middle, middle), 1.0) * LOBE_SHARE;
+    vec2 slope = middle * sqrt(site.lobe.alpha2 * LOBE_SHARE / (1.0 - share));
+    vec3 h = normalize(site.tangent * slope.x + site.bitangent * slope.y + site.normal);
+    float along = dot(site.lobe.view, h);
+    light = 2.0 * along * h - site.lobe.view;
+    float i = dot(site.normal, light);
+    if (i <= 0.0 || along <= 0.0) {
+        light = site.normal;
+        return vec3(0.0);
+    }
+    float alpha = sqrt(site.lobe.alpha2);
+    float weight = smith_masking(i, alpha) * smith_masking(site.lobe.view_cosine, alpha) * along
+                 / (site.lobe.view_cosine * dot(site.normal, h)) * lobe_weight(share) * (LOBE_SHARE / PI);
+    if (MATERIAL == 2u) return vec3(weight);
+    vec3 normal_incidence = mix(vec3(0.08 * surface.specular), surface.base_color, surface.metallic);
+    return mix(normal_incidence, vec3(1.0), pow5(1.0 - along)) * weight;
+}
+
 void main() {
     uint at = gl_GlobalInvocationID.x;
     if (at >= gather.entry_count) return;
     uint pixel = entries[gather.first_entry + at];
-    Site site = load_site(pixel);
+    Site site = load_site(pixel, gather.first_entry + at);
     ivec2 texel = texel_of(pixel);
     Surface surface = load_surface(texel);
     vec3 view = view_of(site.position, site.normal);
@@ -110,14 +136,17 @@ void main() {
         uint micro = texelFetch(micro_indices, m).x;
         vec4 middle = texelFetch(micro_directions, m);
         vec3 light = site.tangent * middle.x + site.bitangent * middle.y + site.normal * middle.z;
+        vec3 lobe = LOBE ? lobe_reflectance(surface, site, middle.xy, light) : vec3(0.0);
+        float solid_angle = middle.w * cell_area
+                          / (LOBE ? PI * lobe_density(site.lobe, site.normal, light) : max(middle.z, 0.02));
         float counted;
         vec3 incoming = micro_radiance(start, micro, middle.w, counted);
-        if (incoming.x < 0.0) incoming = far_radiance(light, middle.w * cell_area / max(middle.z, 0.02));
+        if (incoming.x < 0.0) incoming = far_radiance(light, solid_angle);
         // Projected solid angle: exact, or Eq. 5's 2 pi / size^2 times the cosine, where the centre is on the disc.
         vec2 centre = (vec2(micro % SIZE, micro / SIZE) + 0.5) * (2.0 / float(SIZE)) - 1.0;
         float paper_weight = 2.0 * PI / float(MICRO_PIXELS) * sqrt(max(0.0, 1.0 - dot(centre, centre)));
         float weight = PAPER_WEIGHTS ? paper_weight : middle.w * cell_area;
-        vec3 reflected = mean_reflectance(surface, site, micro, light, view) * weight;
+        vec3 reflected = (LOBE ? lobe : mean_reflectance(surface, site, micro, light, view)) * weight;
         radiance += incoming * reflected;
         all += reflected;
         seen += counted * reflected;
@@ -129,6 +158,6 @@ void main() {
     // What plain sums lack or have too much is ordinary light: taken from all in proportion, it would change lamps, whose
     // sums are right.
     radiance = max(vec3(0.0), radiance + (all - seen) * tame / tame_weight);
-    if (MATERIAL == 0u) radiance += surface.emissive;
+    if (MATERIAL == 0u && !LOBE) radiance += surface.emissive;
     imageStore(output_image, int(output_index(texel)), vec4(radiance, 1.0));
 }

@@ -14,6 +14,7 @@ layout(push_constant) uniform Gather {
     float stop_sin2;    // as in traversal.glsl, for classic's walk
     uint last_round;    // 1 in the last dispatch that a raster pass gets for this chunk
     float typical;      // mean luminance of the cloud
+    float sharp_alpha;   // lobes with a smaller GGX alpha have buffers of their own; 0 for none
     float radiance_scale; // radiance to the texels of `shared` tiles
     uint store_columns; // micro-buffers in a row of the paper's image store
 } gather;

@@ -7,11 +7,14 @@
 #include "shared/gather.glsl"
 #include "common/receivers.glsl"
 #include "common/brdf.glsl"
+#include "common/lobe.glsl"
 #include "common/octahedral.glsl"
 #include "common/surface.glsl"
 #include "common/tile_texel.glsl"
+#include "common/view.glsl"
 
 layout(constant_id = 3) const uint SIZE = 34u;
+layout(constant_id = 13) const bool SHARP = false; // some lobes have buffers of their own
 
 layout(local_size_x = 32, local_size_x_id = 11) in;
 
@@ -20,7 +23,7 @@ layout(binding = 12) uniform usamplerBuffer texel_pairs; // lists of those above
 layout(binding = 13) uniform usamplerBuffer tile_texels;
 layout(binding = 15, rgba32f) uniform writeonly imageBuffer output_image;
 // Reflectance over the hemisphere, by roughness and view cosine: x the diffuse term times pi, y the specular lobe,
-// z the lobe times (1 - cos d)^5.
+// z the lobe times (1 - cos d)^5, w the lobe's tails.
 layout(binding = 21) uniform sampler2D albedo_table;
 
 const uint PAIRS = SIZE * SIZE / 2u;
@@ -32,6 +35,7 @@ struct Pixel {
     vec3 view;
     float alpha2;
     float roughness;
+    bool sharp; // its lobe has a buffer of its own, which leaves the tails
     float view_cosine;
     vec4 diffuse;
     vec4 lobe;
@@ -51,6 +55,7 @@ Pixel load_pixel(uint index, bool lit) {
     if (MATERIAL == 2u) pixel.roughness = sqrt(gather.material_parameter);
     float alpha = max(1e-3, pixel.roughness * pixel.roughness);
     pixel.alpha2 = alpha * alpha;
+    pixel.sharp = alpha < gather.sharp_alpha;
     pixel.diffuse = pixel.lobe = pixel.grazing_lobe = vec4(0.0);
     return pixel;
 }
@@ -69,6 +74,7 @@ void add(inout Pixel pixel, vec3 light, vec4 radiance) {
     float t = s - (1.0 - pixel.alpha2) * middle * middle + 1e-9;
     float root = sqrt(pixel.alpha2 + (1.0 - pixel.alpha2) * cosine * cosine);
     float lobe = cosine * s * s / (t * t * (cosine + root));
+    if (SHARP && pixel.sharp) lobe *= 1.0 - lobe_weight(1.0 - pixel.alpha2 * middle * middle / t);
     pixel.lobe += radiance * lobe;
     if (MATERIAL == 0u) {
         pixel.grazing_lobe += radiance * (lobe * pow5(1.0 - 0.5 * sqrt(s)));
@@ -89,7 +95,8 @@ void finish(Pixel pixel, uint index) {
     } else {
         vec2 size = vec2(textureSize(albedo_table, 0));
         vec2 at = vec2(pixel.roughness, max(0.0, pixel.view_cosine)) * (1.0 - 1.0 / size) + 0.5 / size;
-        vec3 albedo = textureLod(albedo_table, at, 0.0).xyz;
+        vec4 albedo = textureLod(albedo_table, at, 0.0);
+        if (pixel.sharp) albedo.yz *= albedo.w / max(albedo.y, 1e-4);
         radiance = albedo.y * mean(pixel.lobe);
         if (MATERIAL == 0u) {
             Surface surface = load_surface(texel);

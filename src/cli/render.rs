@@ -90,6 +90,9 @@ pub(super) struct Args {
     /// Solid angle at which hybrid leaves the geometry shader, in micro-pixels
     #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true, default_value = "32")]
     switch: f64,
+    /// Do without buffers of their own for lobes that are narrower than a few micro-pixels
+    #[arg(long)]
+    no_sharp: bool,
     /// Far field where no point covers: lat-long .exr or .hdr [default: black]
     #[arg(long, value_name = "FILE")]
     environment: Option<PathBuf>,
@@ -199,6 +202,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         material: args.material,
         stop: args.stop,
         switch: args.switch,
+        sharp: !args.no_sharp,
         parallax: Settings::DEFAULT_PARALLAX,
         memory_budget: args.memory_budget << 20,
         pair_capacity: None,

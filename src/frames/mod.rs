@@ -3,6 +3,7 @@
 
 mod batch;
 mod feedback;
+mod pixels;
 mod plan;
 mod renderer;
 mod shared;
@@ -81,6 +82,8 @@ pub struct Settings {
     pub stop: f64,
     /// Hybrid leaves the geometry shader at this many times a micro-pixel's solid angle (5.2.2: 32).
     pub switch: f64,
+    /// Lobes narrower than a few micro-pixels get buffers of their own (never with the paper's ways).
+    pub sharp: bool,
     /// Shared: tiles whose mean parallax is more than this many texels are split.
     pub parallax: f64,
     /// Most bytes of device objects at once.
@@ -98,6 +101,19 @@ impl Settings {
     pub const DEFAULT_PARALLAX: f64 = 0.5;
 }
 
+impl Settings {
+    /// GGX alpha below which lobes have buffers of their own, 0 for none: their width, about two alpha, is that of two
+    /// and a half micro-pixels in the middle of a hemisphere's micro-buffer.
+    pub(crate) fn sharp_alpha(&self) -> f32 {
+        let possible = match self.material {
+            MaterialChoice::Diffuse(_) => false,
+            MaterialChoice::Metal(alpha) => alpha < 5.0 / self.microbuffer as f32,
+            MaterialChoice::File => true,
+        };
+        if self.sharp && possible && self.paper == Paper::default() { 5.0 / self.microbuffer as f32 } else { 0.0 }
+    }
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -109,6 +125,7 @@ impl Default for Settings {
             material: MaterialChoice::File,
             stop: 4.0,
             switch: 32.0,
+            sharp: true,
             parallax: Self::DEFAULT_PARALLAX,
             memory_budget: Self::DEFAULT_BUDGET,
             pair_capacity: None,
@@ -148,6 +165,8 @@ pub struct FrameStats {
     pub rasterised_nodes: u64,
     /// Shared: tiles that light the image.
     pub tiles: u64,
+    /// Pixels whose narrow lobes had buffers of their own.
+    pub lobes: u64,
     /// Shared: pixels that were left to hybrid.
     pub per_pixel: u64,
     /// Batches of tiles that the traversal ran in.

@@ -1,6 +1,6 @@
 //! What fits: image regions, pair buffers and micro-buffers under a memory budget.
 
-use super::{Settings, Technique, shared};
+use super::{Settings, Technique, renderer, shared};
 use crate::gpu::Context;
 use crate::passes::rasterise::{MicroBuffers, RasterInfo};
 use crate::passes::tile_radiance::Tiles;
@@ -27,6 +27,8 @@ pub(super) struct Plan {
     pub(super) pairs: u32,
     /// Micro-buffers at once.
     pub(super) micro_pixels: u32,
+    /// Buffers of narrow lobes at once.
+    pub(super) lobe_pixels: u32,
     /// What technique `shared` has.
     pub(super) tiles: Option<TilePlan>,
 }
@@ -93,6 +95,10 @@ impl Plan {
             rest = rest.saturating_sub(pairs * bytes_per_pair);
             TilePlan { slots: slots(region) as u32, at_once: at_once as u32, pairs: pairs as u32, nodes: nodes as u32 }
         });
+        let lobe_bytes = renderer::LOBE_INFO.bytes_per_pixel();
+        let lobe_pixels =
+            if settings.sharp_alpha() > 0.0 { ((rest / 4).min(MOST_MICROBUFFER_BYTES) / lobe_bytes).max(4) } else { 0 };
+        rest = rest.saturating_sub(lobe_pixels * lobe_bytes);
         let micro = raster.bytes_per_pixel();
         let micro_pixels = (rest / 2).min(MOST_MICROBUFFER_BYTES) / micro;
         let micro_pixels = micro_pixels.min(MicroBuffers::most(context, raster)) / 4 * 4;
@@ -112,6 +118,12 @@ impl Plan {
                 needed.div_ceil(1 << 20)
             )));
         }
-        Ok(Self { region, pairs: pairs as u32, micro_pixels: micro_pixels as u32, tiles })
+        Ok(Self {
+            region,
+            pairs: pairs as u32,
+            micro_pixels: micro_pixels as u32,
+            lobe_pixels: lobe_pixels as u32,
+            tiles,
+        })
     }
 }

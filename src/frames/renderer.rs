@@ -9,16 +9,17 @@ use rayon::prelude::*;
 
 use super::batch::Coverage;
 use super::feedback::Feedback;
+use super::pixels::{PixelPasses, Shot};
 use super::plan::Plan;
-use super::shared::{Shared, Shot};
+use super::shared::Shared;
 use super::tile_map::pixel_place;
-use super::{Frame, FrameStats, Paper, Settings, Technique, feedback};
+use super::{Frame, FrameStats, MaterialChoice, Paper, Settings, Technique, feedback};
 use crate::gpu::pipeline::Sampler;
 use crate::gpu::{Bindings, Buffer, Context, Recorder, Use};
 use crate::passes::bin::CutLists;
 use crate::passes::convolve::{ConvolvePass, GpuFarField};
 use crate::passes::gbuffer::{GBuffer, GBufferPass, Rect, View};
-use crate::passes::rasterise::{MicroBuffers, RasterCounts, RasterInfo, RasterPass};
+use crate::passes::rasterise::RasterInfo;
 use crate::passes::receivers::{ReceiverPass, Receivers};
 use crate::passes::tile_radiance::radiance_scale;
 use crate::passes::trace::TracePass;
@@ -36,6 +37,8 @@ pub(super) struct Region {
     pub(super) receivers: Receivers,
     pub(super) lists: CutLists,
     output: Buffer,
+    /// What narrow lobes add to it.
+    lobe_output: Option<Buffer>,
 }
 
 /// What one turn of the traversal works on.
@@ -43,9 +46,11 @@ pub(super) struct Batch {
     /// Where it starts.
     pub(super) receivers: Vec<Receiver>,
     /// Its covered pixels.
-    pixels: Vec<u32>,
+    pub(super) pixels: Vec<u32>,
     /// The same on the device.
-    entries: Buffer,
+    pub(super) entries: Buffer,
+    /// GGX alphas of narrow lobes, by pixel.
+    pub(super) alphas: Option<Buffer>,
 }
 
 /// How a batch's traversal ended.
@@ -82,18 +87,16 @@ pub struct Renderer {
     shared: Option<Shared>,
     /// None for classic, whose raster passes walk the hierarchy themselves.
     traverser: Option<Feedback>,
-    raster_info: RasterInfo,
-    raster: RasterPass,
-    micro_buffers: MicroBuffers,
-    pub(super) raster_counts: Buffer,
-    /// Dispatches that a chunk's raster passes are given; grows when they do not suffice.
-    rounds: u32,
-    pub(super) convolve: ConvolvePass,
+    /// Lights pixels one by one.
+    pub(super) pixels: PixelPasses,
+    /// Lights what narrow lobes reflect.
+    lobes: Option<PixelPasses>,
     nearest: Sampler,
 }
 
-/// Chunks of one submission: enough to hide its cost, few enough for progress to move.
-const CHUNKS_PER_SUBMISSION: usize = 16;
+/// Buffers of narrow lobes.
+pub(super) const LOBE_INFO: RasterInfo =
+    RasterInfo { size: 16, walk: true, paper: Paper::NONE, shared: false, lobe: true };
 
 /// Sums of coverage that fixed-point sums hold before they run over, in micro-pixels.
 const COVERAGE_LIMIT: f32 = 63.0;
@@ -121,29 +124,30 @@ impl Renderer {
         let hierarchy = GpuHierarchy::new(context, hierarchy, settings.paper)?;
         let gbuffer = GBufferPass::new(context, object)?;
         let far_field = GpuFarField::new(context, far_field)?;
-        let raster_info =
-            RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper, shared: false };
-        let convolve = ConvolvePass::new(context, raster_info, settings.material, far_field.height > 0)?;
+        let info =
+            RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper, ..RasterInfo::default() };
+        let (far, sharp) = (far_field.height > 0, settings.sharp_alpha() > 0.0);
+        let pixel_convolve = ConvolvePass::new(context, info, settings.material, far, sharp)?;
         let scene_bytes = context.bytes_now() - before;
         let bytes_per_pair = feedback::bytes_per_pair(hybrid);
-        let plan = Plan::new(context, &settings, raster_info, scene_bytes, bytes_per_pair)?;
+        let plan = Plan::new(context, &settings, info, scene_bytes, bytes_per_pair)?;
         let rules = CutRules { paper: settings.paper, shared: false };
         let traverser = feedback.then(|| Feedback::new(context, hybrid, rules, &hierarchy, plan.pairs)).transpose()?;
-        let shared = plan
-            .tiles
-            .map(|plan| Shared::new(context, &settings, &hierarchy, far_field.height > 0, plan))
-            .transpose()?;
+        let shared = plan.tiles.map(|plan| Shared::new(context, &settings, &hierarchy, far, plan)).transpose()?;
         let image_pixels = settings.width.next_multiple_of(16) * settings.height.next_multiple_of(16);
+        let pixels = PixelPasses::new(context, &settings, info, pixel_convolve, plan.micro_pixels.min(image_pixels))?;
+        let lobes = sharp
+            .then(|| {
+                let convolve = ConvolvePass::new(context, LOBE_INFO, settings.material, far, sharp)?;
+                PixelPasses::new(context, &settings, LOBE_INFO, convolve, plan.lobe_pixels.min(image_pixels))
+            })
+            .transpose()?;
         let (low, high) = object.bounds();
         Ok(Self {
             context: context.clone(),
             positions: object.vertices.iter().map(|vertex| vertex.position).collect(),
             bounds: (0.5 * (low + high), 0.5 * (high - low).length()),
             receivers: ReceiverPass::new(context)?,
-            raster: RasterPass::new(context, raster_info)?,
-            micro_buffers: MicroBuffers::new(context, raster_info, plan.micro_pixels.min(image_pixels))?,
-            raster_counts: Buffer::new(context, "raster counts", size_of::<RasterCounts>() as u64)?,
-            rounds: first_rounds(&settings),
             nearest: Sampler::new(context, vk::Filter::NEAREST, vk::SamplerAddressMode::CLAMP_TO_EDGE)?,
             settings,
             plan,
@@ -152,8 +156,8 @@ impl Renderer {
             gbuffer,
             shared,
             traverser,
-            raster_info,
-            convolve,
+            pixels,
+            lobes,
         })
     }
 
@@ -166,7 +170,8 @@ impl Renderer {
         let mut limit = COVERAGE_LIMIT;
         loop {
             let frame = self.render_once(camera, limit, progress)?;
-            match self.convolve.overflowed()? {
+            let lobes = self.lobes.as_ref().map_or(Ok(false), |lobes| lobes.convolve.overflowed())?;
+            match self.pixels.convolve.overflowed()? || lobes {
                 false => return Ok(frame),
                 true if limit < 1e6 => limit *= 16.0,
                 true => {
@@ -184,7 +189,7 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::render`].
     pub fn cut(&mut self, camera: &Camera) -> Result<Vec<CutPair>> {
-        let trace = TracePass::new(&self.context, self.raster_info, 512)?;
+        let trace = TracePass::new(&self.context, self.pixels.info, 512)?;
         let width = self.settings.width;
         let mut pairs = Vec::new();
         let mut stats = FrameStats::default();
@@ -193,11 +198,12 @@ impl Renderer {
             let coverage = Coverage(region.receivers.read_coverage()?);
             let tiles = coverage.tiles();
             self.each_batch(&region, &coverage, tiles, &mut stats, |renderer, batch, _| {
-                let bindings = renderer.shading_bindings(&region, batch);
+                let bindings = renderer.pixels.bindings(renderer.node_bindings(&region), batch);
+                let shot = Shot { renderer, region: &region, camera, coverage_limit: COVERAGE_LIMIT };
                 let total = batch.pixels.len() as u32;
                 for first in (0..total).step_by(trace.chunk as usize) {
                     let count = trace.chunk.min(total - first);
-                    let constants = renderer.gather(&region, camera, COVERAGE_LIMIT, first, count);
+                    let constants = shot.gather(renderer.settings.microbuffer, first, count);
                     let traced = trace.run(&bindings, constants)?;
                     let at = |slot| region.pixel_of(slot, width);
                     pairs.extend(traced.into_iter().map(|[slot, node]| CutPair { pixel: at(slot), node }));
@@ -248,7 +254,10 @@ impl Renderer {
         };
         let mut stats = FrameStats::default();
         let mut wall = std::time::Duration::ZERO;
-        self.raster_counts.upload(bytemuck::bytes_of(&RasterCounts::default()))?;
+        self.pixels.reset_counts()?;
+        if let Some(lobes) = &self.lobes {
+            lobes.reset_counts()?;
+        }
         for rect in self.regions(camera) {
             let started = Instant::now();
             let region = self.prepare_region(camera, rect, &mut stats)?;
@@ -258,10 +267,10 @@ impl Renderer {
             let (done_before, total) = (stats.covered_pixels, stats.covered_pixels + covered);
             stats.covered_pixels = total;
             let left = match self.shared.take() {
-                None => tiles,
+                None => tiles.clone(),
                 Some(mut shared) => {
-                    let shot = Shot { renderer: self, region: &region, coverage: &coverage, camera, coverage_limit };
-                    let left = shared.light(&shot, &mut stats);
+                    let shot = Shot { renderer: self, region: &region, camera, coverage_limit };
+                    let left = shared.light(shot, &coverage, &mut stats);
                     self.shared = Some(shared);
                     left?
                 }
@@ -270,25 +279,24 @@ impl Renderer {
             stats.per_pixel += rest;
             let mut done = covered - rest;
             self.each_batch(&region, &coverage, left, &mut stats, |renderer, batch, stats| {
-                renderer.shade(&region, batch, camera, coverage_limit, stats, &mut |part| {
-                    progress(done_before + done + part, total);
-                })?;
+                let shot = Shot { renderer, region: &region, camera, coverage_limit };
+                renderer.pixels.shade(shot, batch, stats, &mut |part| progress(done_before + done + part, total))?;
                 done += coverage.count(&batch.receivers);
                 Ok(())
             })?;
+            if let Some(lobes) = &self.lobes {
+                let batch = self.lobe_batch(&region, &coverage, &tiles)?;
+                let shot = Shot { renderer: self, region: &region, camera, coverage_limit };
+                stats.lobes += batch.pixels.len() as u64;
+                lobes.shade(shot, &batch, &mut stats, &mut |_| {})?;
+            }
             wall += started.elapsed();
             self.collect(&region, &mut frame)?;
         }
-        let counts = self.raster_counts.download::<RasterCounts>(1)?[0];
-        let raster = self.raster.counting_pass();
-        stats.profile.count(raster, "pairs_in", counts.offered);
-        stats.profile.count(raster, "rasterised_nodes", counts.drawn);
-        if self.traverser.is_none() {
-            stats.profile.count(raster, "visited_nodes", counts.visited);
+        self.pixels.report(&mut stats)?;
+        if let Some(lobes) = &self.lobes {
+            lobes.report(&mut stats)?;
         }
-        stats.rasterised_nodes = counts.drawn;
-        stats.visited_pairs += counts.visited;
-        stats.microbuffer_bytes = u64::from(self.micro_buffers.pixels) * self.raster_info.bytes_per_pixel();
         stats.device_bytes_peak = self.context.bytes_peak();
         stats.wall_ms = wall.as_secs_f64() * 1e3;
         tracing::debug!("frame with readback took {:.1} ms", start.elapsed().as_secs_f64() * 1e3);
@@ -359,17 +367,15 @@ impl Renderer {
     fn prepare_region(&self, camera: &Camera, core: Rect, stats: &mut FrameStats) -> Result<Region> {
         let rect = if self.shared.is_some() { self.with_neighbours(core) } else { core };
         let receivers = Receivers::new(&self.context, rect.width, rect.height)?;
+        let bytes = u64::from(rect.width) * u64::from(rect.height) * 16;
+        let output = |name| Buffer::with_texels(&self.context, name, bytes, vk::Format::R32G32B32A32_SFLOAT);
         let region = Region {
             rect,
             core,
             gbuffer: GBuffer::new(&self.context, rect.width, rect.height)?,
             lists: CutLists::new(&self.context, receivers.pixels, self.plan.nodes())?,
-            output: Buffer::with_texels(
-                &self.context,
-                "output",
-                u64::from(rect.width) * u64::from(rect.height) * 16,
-                vk::Format::R32G32B32A32_SFLOAT,
-            )?,
+            output: output("output")?,
+            lobe_output: self.lobes.as_ref().map(|_| output("lobe output")).transpose()?,
             receivers,
         };
         let (near, far) = self.depth_range(camera);
@@ -377,7 +383,9 @@ impl Renderer {
         let mut recorder = Recorder::new(&self.context)?;
         recorder.pass("clear output", |device, commands| {
             // SAFETY: the buffer is live and was made as a copy target.
-            unsafe { device.cmd_fill_buffer(commands, region.output.handle, 0, vk::WHOLE_SIZE, 0) };
+            for output in [Some(&region.output), region.lobe_output.as_ref()].into_iter().flatten() {
+                unsafe { device.cmd_fill_buffer(commands, output.handle, 0, vk::WHOLE_SIZE, 0) };
+            }
         });
         recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
         // What the camera sees of the object.
@@ -448,122 +456,52 @@ impl Renderer {
     fn batch(&self, coverage: &Coverage, receivers: Vec<Receiver>) -> Result<Batch> {
         let pixels: Vec<u32> = receivers.iter().flat_map(|r| coverage.pixels(*r)).collect();
         let entries = Buffer::from_slice(&self.context, "entries", &pixels)?;
-        Ok(Batch { receivers, pixels, entries })
+        Ok(Batch { receivers, pixels, entries, alphas: None })
     }
 
-    /// Micro-buffers and image of a batch, chunk by chunk: the passes after the traversal, in order.
-    fn shade(
-        &mut self,
-        region: &Region,
-        batch: &Batch,
-        camera: &Camera,
-        coverage_limit: f32,
-        stats: &mut FrameStats,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<()> {
-        let chunk = self.micro_buffers.pixels;
-        let total = batch.pixels.len() as u32;
-        let starts: Vec<u32> = (0..total).step_by(chunk as usize).collect();
-        for group in starts.chunks(CHUNKS_PER_SUBMISSION) {
-            while !self.shade_chunks(region, batch, camera, coverage_limit, group, stats)? {
-                self.rounds *= 2;
+    /// The pixels below `tiles` whose lobes are narrow enough for buffers of their own.
+    fn lobe_batch(&self, region: &Region, coverage: &Coverage, tiles: &[Receiver]) -> Result<Batch> {
+        let most = self.settings.sharp_alpha();
+        let roughness: Option<Vec<[half::f16; 4]>> = match self.settings.material {
+            MaterialChoice::File => Some(read_image(&region.gbuffer.emissive_roughness)?),
+            _ => None,
+        };
+        let alpha_of = |pixel: u32| match &roughness {
+            None => self.settings.material.parameter(),
+            Some(texels) => {
+                let (x, y) = pixel_place(pixel, region.receivers.tiles_x);
+                let roughness = texels[(y * region.rect.width + x) as usize][3].to_f32();
+                (roughness * roughness).max(1e-3)
             }
-            progress(u64::from(group.last().map_or(0, |first| (first + chunk).min(total))));
-        }
-        Ok(())
+        };
+        let (pixels, alphas): (Vec<u32>, Vec<f32>) = tiles
+            .iter()
+            .flat_map(|tile| coverage.pixels(*tile))
+            .map(|pixel| (pixel, alpha_of(pixel)))
+            .filter(|(_, alpha)| *alpha < most)
+            .unzip();
+        Ok(Batch {
+            receivers: Vec::new(),
+            entries: Buffer::from_slice(&self.context, "lobe entries", &pixels)?,
+            alphas: Some(Buffer::texels_from_slice(&self.context, "lobe alphas", &alphas, vk::Format::R32_SFLOAT)?),
+            pixels,
+        })
     }
 
-    /// One submission of [`Renderer::shade`]; false when the raster passes need more rounds, and nothing counts then.
-    fn shade_chunks(
-        &self,
-        region: &Region,
-        batch: &Batch,
-        camera: &Camera,
-        coverage_limit: f32,
-        starts: &[u32],
-        stats: &mut FrameStats,
-    ) -> Result<bool> {
-        let bindings = self.shading_bindings(region, batch);
-        let raster_sets = self.raster.bind(&bindings, &self.micro_buffers)?;
-        let convolve_set = self.convolve.bind(bindings, &self.far_field)?;
-        let before = self.raster_counts()?;
-        let mut recorder = Recorder::new(&self.context)?;
-        for first in starts {
-            let count = self.micro_buffers.pixels.min(batch.pixels.len() as u32 - first);
-            let constants = self.gather(region, camera, coverage_limit, *first, count);
-            // Empty micro-buffers.
-            self.micro_buffers.clear(&mut recorder, count);
-            // The cut's nodes in them.
-            self.raster.record(&mut recorder, &raster_sets, constants, self.rounds)?;
-            // Times the BRDF.
-            self.convolve.record(&mut recorder, &convolve_set, constants)?;
-        }
-        recorder.finish(&mut stats.profile)?;
-        self.raster_counts_since(before)
-    }
-
-    /// What the raster passes have counted.
-    pub(super) fn raster_counts(&self) -> Result<RasterCounts> {
-        Ok(self.raster_counts.download(1)?[0])
-    }
-
-    /// Whether a submission that started with the given counts finished all it had; otherwise they are put back.
-    pub(super) fn raster_counts_since(&self, before: RasterCounts) -> Result<bool> {
-        let done = self.raster_counts()?.unfinished == before.unfinished;
-        if !done {
-            self.raster_counts.upload(bytemuck::bytes_of(&before))?;
-        }
-        Ok(done)
-    }
-
-    pub(super) fn gather(
-        &self,
-        region: &Region,
-        camera: &Camera,
-        coverage_limit: f32,
-        first: u32,
-        count: u32,
-    ) -> Gather {
-        // Not so dark that the scale would be infinite: black clouds.
-        let brightest = f64::from(self.hierarchy.brightest.max(1e-20));
-        Gather {
-            pixels: region.receivers.pixels,
-            first_entry: first,
-            entry_count: count,
-            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest radiance, and one to spare.
-            color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
-            eye: camera.from.into(),
-            coverage_limit,
-            width: region.rect.width,
-            height: region.rect.height,
-            tiles_x: region.receivers.tiles_x,
-            material_parameter: self.settings.material.parameter(),
-            far_field_height: self.far_field.height,
-            stop_sin2: self.stop_sin2(),
-            last_round: 0,
-            typical: self.hierarchy.typical.max(1e-20),
-            radiance_scale: radiance_scale(self.hierarchy.brightest.max(self.far_field.brightest)),
-            store_columns: self.micro_buffers.columns(),
-        }
+    /// Nodes, receivers and lists.
+    pub(super) fn node_bindings<'a>(&'a self, region: &'a Region) -> Bindings<'a> {
+        region.lists.bindings(region.receivers.bindings(self.hierarchy.bindings()))
     }
 
     fn stop_sin2(&self) -> f32 {
-        sin2_of_share(self.settings.stop / f64::from(self.settings.microbuffer * self.settings.microbuffer))
+        stop_sin2(&self.settings, self.settings.microbuffer)
     }
 
-    fn shading_bindings<'a>(&'a self, region: &'a Region, batch: &'a Batch) -> Bindings<'a> {
-        let nodes = region.receivers.bindings(self.hierarchy.bindings());
-        let surfaces = self.surface_bindings(region);
-        self.micro_buffers
-            .bindings(region.lists.bindings(nodes.and(surfaces)))
-            .buffer("Entries", &batch.entries)
-            .buffer("RasterCounts", &self.raster_counts)
-    }
-
-    /// The G-buffer's materials and the output.
-    pub(super) fn surface_bindings<'a>(&'a self, region: &'a Region) -> Bindings<'a> {
+    /// The G-buffer's materials and the output, of narrow lobes or of all else.
+    pub(super) fn surface_bindings<'a>(&'a self, region: &'a Region, lobes: bool) -> Bindings<'a> {
+        let output = region.lobe_output.as_ref().filter(|_| lobes).unwrap_or(&region.output);
         Bindings::new()
-            .buffer("output_image", &region.output)
+            .buffer("output_image", output)
             .sampled("normal_map", &region.gbuffer.normal, self.nearest.handle)
             .sampled("base_metallic_map", &region.gbuffer.base_metallic, self.nearest.handle)
             .sampled("emissive_roughness_map", &region.gbuffer.emissive_roughness, self.nearest.handle)
@@ -572,7 +510,11 @@ impl Renderer {
     /// Reads a finished region into the frame.
     fn collect(&self, region: &Region, frame: &mut Frame) -> Result<()> {
         let pixels = region.rect.width as usize * region.rect.height as usize;
-        let output: Vec<[f32; 4]> = region.output.download(pixels)?;
+        let mut output: Vec<[f32; 4]> = region.output.download(pixels)?;
+        if let Some(lobes) = &region.lobe_output {
+            let added: Vec<[f32; 4]> = lobes.download(pixels)?;
+            output.iter_mut().zip(added).for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += more[c]));
+        }
         let position: Vec<[f32; 4]> = read_image(&region.gbuffer.position)?;
         let normal: Vec<[f32; 4]> = read_image(&region.gbuffer.normal)?;
         let albedo: Vec<[half::f16; 4]> = read_image(&region.gbuffer.base_metallic)?;
@@ -585,6 +527,41 @@ impl Renderer {
             frame.albedo[at] = albedo[i].map(half::f16::to_f32);
         }
         Ok(())
+    }
+}
+
+/// Squared sine of the half angle of a cone as large as the nodes that stop, for micro-buffers of `size` micro-pixels a
+/// side.
+fn stop_sin2(settings: &Settings, size: u32) -> f32 {
+    sin2_of_share(settings.stop / f64::from(size * size))
+}
+
+impl Shot<'_> {
+    /// Constants of the raster passes and the convolution, for `count` micro-buffers of `size` micro-pixels a side.
+    pub(super) fn gather(&self, size: u32, first: u32, count: u32) -> Gather {
+        let Shot { renderer, region, camera, coverage_limit } = *self;
+        // Not so dark that the scale would be infinite: black clouds.
+        let brightest = f64::from(renderer.hierarchy.brightest.max(1e-20));
+        Gather {
+            pixels: region.receivers.pixels,
+            first_entry: first,
+            entry_count: count,
+            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest radiance, and one to spare.
+            color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
+            eye: camera.from.into(),
+            coverage_limit,
+            width: region.rect.width,
+            height: region.rect.height,
+            tiles_x: region.receivers.tiles_x,
+            material_parameter: renderer.settings.material.parameter(),
+            far_field_height: renderer.far_field.height,
+            stop_sin2: stop_sin2(&renderer.settings, size),
+            last_round: 0,
+            typical: renderer.hierarchy.typical.max(1e-20),
+            sharp_alpha: renderer.settings.sharp_alpha(),
+            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest)),
+            store_columns: renderer.pixels.micro_buffers.columns(),
+        }
     }
 }
 
@@ -616,13 +593,6 @@ impl Region {
 
 fn read_image<T: bytemuck::Pod>(image: &crate::gpu::Image) -> Result<Vec<T>> {
     Ok(bytemuck::pod_collect_to_vec(&image.download(Use::SampledRead, size_of::<T>())?))
-}
-
-/// Dispatches that a chunk's raster passes most likely need: one has a bounded amount of work, and a round too many
-/// costs next to nothing.
-fn first_rounds(settings: &Settings) -> u32 {
-    let work = settings.microbuffer * settings.microbuffer;
-    1 + work / if settings.technique == Technique::Classic { 256 } else { 512 }
 }
 
 fn check(settings: &Settings) -> Result<()> {

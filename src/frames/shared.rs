@@ -9,8 +9,9 @@ use std::sync::Arc;
 
 use super::batch::Coverage;
 use super::feedback::Feedback;
+use super::pixels::Shot;
 use super::plan::TilePlan;
-use super::renderer::{Outcome, Region, Renderer};
+use super::renderer::Outcome;
 use super::tile_map::{FINEST, TexelPairs, TileMap};
 use super::{FrameStats, Settings};
 use crate::Result;
@@ -18,8 +19,7 @@ use crate::gpu::{Buffer, Context, Recorder};
 use crate::passes::rasterise::{MicroBuffers, RasterInfo, RasterPass};
 use crate::passes::tile_convolve::TileConvolvePass;
 use crate::passes::tile_radiance::{TileRadiancePass, Tiles};
-use crate::passes::{CutRules, Gather, GpuHierarchy, Paper, Receiver, Traversal, sin2_of_share};
-use crate::scene::Camera;
+use crate::passes::{CutRules, GpuHierarchy, Paper, Receiver, Traversal, sin2_of_share};
 
 /// Texels along a tile's side for micro-buffers of `microbuffer` micro-pixels: about the same solid angle each.
 pub(super) fn texels(microbuffer: u32) -> u32 {
@@ -28,7 +28,7 @@ pub(super) fn texels(microbuffer: u32) -> u32 {
 
 /// What a tile's buffer is rasterised with.
 pub(super) fn raster_info(settings: &Settings) -> RasterInfo {
-    RasterInfo { size: texels(settings.microbuffer), walk: false, paper: Paper::default(), shared: true }
+    RasterInfo { size: texels(settings.microbuffer), walk: false, shared: true, ..RasterInfo::default() }
 }
 
 /// A tile's pairs leave the geometry shader at so many times the solid angle that those of pixels do: there are few of
@@ -50,15 +50,6 @@ pub(super) struct Shared {
     limit: f32,
 }
 
-/// What the passes of a frame have in common.
-pub(super) struct Shot<'a> {
-    pub(super) renderer: &'a Renderer,
-    pub(super) region: &'a Region,
-    pub(super) coverage: &'a Coverage,
-    pub(super) camera: &'a Camera,
-    pub(super) coverage_limit: f32,
-}
-
 impl Shared {
     pub(super) fn new(
         context: &Arc<Context>,
@@ -75,7 +66,7 @@ impl Shared {
             raster: RasterPass::new(context, info)?,
             sums: MicroBuffers::new(context, info, plan.at_once)?,
             radiance: TileRadiancePass::new(context, info.size, far_field)?,
-            convolve: TileConvolvePass::new(context, info.size, settings.material)?,
+            convolve: TileConvolvePass::new(context, info.size, settings.material, settings.sharp_alpha() > 0.0)?,
             pairs: TexelPairs::new(info.size),
             tiles: Tiles::new(context, info.size, plan.slots)?,
             rounds: 3 + info.size * info.size / 512,
@@ -84,12 +75,17 @@ impl Shared {
     }
 
     /// Lights a region; returns the receivers that are left for the per-pixel passes.
-    pub(super) fn light(&mut self, shot: &Shot<'_>, stats: &mut FrameStats) -> Result<Vec<Receiver>> {
+    pub(super) fn light(
+        &mut self,
+        shot: Shot<'_>,
+        coverage: &Coverage,
+        stats: &mut FrameStats,
+    ) -> Result<Vec<Receiver>> {
         let receivers = &shot.region.receivers;
-        let mut map = TileMap::new(receivers, shot.coverage)?;
+        let mut map = TileMap::new(receivers, coverage)?;
         let mut free: Vec<u32> = (0..self.tiles.capacity).rev().collect();
         let mut left = Vec::new();
-        let mut work = shot.coverage.tiles();
+        let mut work = coverage.tiles();
         while !work.is_empty() {
             let mut next = Vec::new();
             let mut start = 0;
@@ -108,7 +104,7 @@ impl Shared {
                         if tile.level() == FINEST {
                             left.push(*tile);
                         } else {
-                            self.split(shot, &map, *tile, parallax, &mut next);
+                            split(coverage, self.limit, &map, *tile, parallax, &mut next);
                         }
                     }
                 }
@@ -116,34 +112,22 @@ impl Shared {
             work = next;
         }
         stats.tiles += map.tiles();
-        self.convolve(shot, &map, stats)?;
+        self.convolve(shot, coverage, &map, stats)?;
         left.sort_unstable();
         Ok(left.into_iter().filter(|r| shot.region.is_core(*r)).collect())
-    }
-
-    /// The covered tiles below one with too much parallax that most likely have little enough.
-    fn split(&self, shot: &Shot<'_>, map: &TileMap, tile: Receiver, parallax: f32, next: &mut Vec<Receiver>) {
-        for child in tile.children().into_iter().filter(|child| shot.coverage.pixels(*child).next().is_some()) {
-            let expected = parallax * map.radius(child) / map.radius(tile).max(1e-20);
-            if child.level() > FINEST && expected > 1.2 * self.limit {
-                self.split(shot, map, child, expected, next);
-            } else {
-                next.push(child);
-            }
-        }
     }
 
     /// Finds the cuts of a batch of tiles and fills their buffers; what does not fit even alone is left.
     fn fill(
         &mut self,
-        shot: &Shot<'_>,
+        shot: Shot<'_>,
         batch: &[Receiver],
         map: &mut TileMap,
         free: &mut Vec<u32>,
         left: &mut Vec<Receiver>,
         stats: &mut FrameStats,
     ) -> Result<()> {
-        let Shot { renderer, region, .. } = *shot;
+        let Shot { renderer, region, .. } = shot;
         let share = |multiple: f64| sin2_of_share(multiple * 2.0 / f64::from(self.tiles.size * self.tiles.size));
         let constants = Traversal {
             pixels: region.receivers.pixels,
@@ -174,19 +158,15 @@ impl Shared {
         let entries = Buffer::from_slice(&self.context, "tile entries", &codes)?;
         let slot_buffer = Buffer::from_slice(&self.context, "tile slots", &slots)?;
         let parallax = Buffer::new(&self.context, "tile parallax", batch.len() as u64 * 4)?;
-        let bindings = region.lists.bindings(region.receivers.bindings(renderer.hierarchy.bindings()));
-        let bindings = renderer.far_field.bindings(self.tiles.bindings(self.sums.bindings(bindings)));
-        let bindings = bindings
-            .buffer("Entries", &entries)
-            .buffer("TileSlots", &slot_buffer)
-            .buffer("TileParallax", &parallax)
-            .buffer("RasterCounts", &renderer.raster_counts)
-            .buffer("ConvolveCounts", &renderer.convolve.overflowed);
+        let bindings = self.tiles.bindings(self.sums.bindings(renderer.node_bindings(region)));
+        let bindings = renderer.pixels.count_bindings(renderer.far_field.bindings(bindings));
+        let bindings =
+            bindings.buffer("Entries", &entries).buffer("TileSlots", &slot_buffer).buffer("TileParallax", &parallax);
         let raster_sets = self.raster.bind(&bindings, &self.sums)?;
         let radiance_set = self.radiance.bind(&bindings)?;
-        let gather = self.gather(shot, batch.len() as u32);
+        let gather = shot.gather(self.tiles.size, 0, batch.len() as u32);
         loop {
-            let before = renderer.raster_counts()?;
+            let before = renderer.pixels.counts()?;
             let mut recorder = Recorder::new(&self.context)?;
             // Empty texels.
             self.sums.clear(&mut recorder, gather.entry_count);
@@ -195,7 +175,7 @@ impl Shared {
             // Their radiance.
             self.radiance.record(&mut recorder, &radiance_set, gather)?;
             recorder.finish(&mut stats.profile)?;
-            if renderer.raster_counts_since(before)? {
+            if renderer.pixels.counts_since(before)? {
                 break;
             }
             self.rounds *= 2;
@@ -207,8 +187,8 @@ impl Shared {
     }
 
     /// Lights all blocks that have tiles.
-    fn convolve(&self, shot: &Shot<'_>, map: &TileMap, stats: &mut FrameStats) -> Result<()> {
-        let Shot { renderer, region, coverage, .. } = *shot;
+    fn convolve(&self, shot: Shot<'_>, coverage: &Coverage, map: &TileMap, stats: &mut FrameStats) -> Result<()> {
+        let Shot { renderer, region, .. } = shot;
         let (texels, tiles) = map.blocks(coverage, &self.pairs, |tile| region.is_core(tile));
         if tiles.is_empty() {
             return Ok(());
@@ -216,15 +196,23 @@ impl Shared {
         let format = ash::vk::Format::R32G32B32A32_UINT;
         let block_tiles = Buffer::texels_from_slice(&self.context, "block tiles", &tiles, format)?;
         let pairs = Buffer::texels_from_slice(&self.context, "texel pairs", &texels, ash::vk::Format::R16_UINT)?;
-        let bindings = self.tiles.bindings(region.receivers.bindings(renderer.surface_bindings(region)));
+        let bindings = self.tiles.bindings(region.receivers.bindings(renderer.surface_bindings(region, false)));
         let bindings = bindings.buffer("block_tiles", &block_tiles).buffer("texel_pairs", &pairs);
         let set = self.convolve.bind(bindings)?;
         let mut recorder = Recorder::new(&self.context)?;
-        self.convolve.record(&mut recorder, &set, self.gather(shot, tiles.len() as u32))?;
+        self.convolve.record(&mut recorder, &set, shot.gather(self.tiles.size, 0, tiles.len() as u32))?;
         recorder.finish(&mut stats.profile)
     }
+}
 
-    fn gather(&self, shot: &Shot<'_>, count: u32) -> Gather {
-        shot.renderer.gather(shot.region, shot.camera, shot.coverage_limit, 0, count)
+/// The covered tiles below one with too much parallax that most likely have little enough.
+fn split(coverage: &Coverage, limit: f32, map: &TileMap, tile: Receiver, parallax: f32, next: &mut Vec<Receiver>) {
+    for child in tile.children().into_iter().filter(|child| coverage.pixels(*child).next().is_some()) {
+        let expected = parallax * map.radius(child) / map.radius(tile).max(1e-20);
+        if child.level() > FINEST && expected > 1.2 * limit {
+            split(coverage, limit, map, child, expected, next);
+        } else {
+            next.push(child);
+        }
     }
 }

@@ -182,6 +182,7 @@ fn encode(level: &FarField, full: bool) -> Vec<u8> {
 /// The pass.
 pub struct ConvolvePass {
     pipeline: ComputePipeline,
+    name: &'static str,
     indices: Buffer,
     directions: Buffer,
     /// Not 0 where sums ran over.
@@ -189,13 +190,21 @@ pub struct ConvolvePass {
 }
 
 impl ConvolvePass {
-    /// Makes the pipeline, with a far field or without.
+    /// Makes the pipeline, with a far field or without; `sharp` where narrow lobes have buffers of their own.
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn new(context: &Arc<Context>, info: RasterInfo, material: MaterialChoice, far_field: bool) -> Result<Self> {
+    pub fn new(
+        context: &Arc<Context>,
+        info: RasterInfo,
+        material: MaterialChoice,
+        far_field: bool,
+        sharp: bool,
+    ) -> Result<Self> {
         let constants = [
             Constant::new(10, far_field),
+            Constant::new(12, info.lobe),
+            Constant::new(13, sharp),
             Constant::new(3, info.size),
             Constant::new(5, info.paper.one_node()),
             Constant::new(6, info.paper.image),
@@ -206,6 +215,7 @@ impl ConvolvePass {
         let micro = MicroPixels::new(info.size);
         Ok(Self {
             pipeline: ComputePipeline::new(context, "convolve/convolve.comp", &constants)?,
+            name: if info.lobe { "lobe convolve" } else { "convolve" },
             indices: Buffer::texels_from_slice(context, "micro-pixel indices", &micro.indices, vk::Format::R32_UINT)?,
             directions: Buffer::texels_from_slice(
                 context,
@@ -237,7 +247,7 @@ impl ConvolvePass {
     /// When the chunk is larger than a dispatch.
     pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
         let pixels = constants.entry_count;
-        recorder.pass("convolve", |_, commands| self.pipeline.dispatch(commands, set, &constants, pixels))?;
+        recorder.pass(self.name, |_, commands| self.pipeline.dispatch(commands, set, &constants, pixels))?;
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
         Ok(())
     }

@@ -68,6 +68,8 @@ pub struct Gather {
     pub last_round: u32,
     /// Mean luminance of the cloud.
     pub typical: f32,
+    /// GGX alpha below which lobes have buffers of their own; 0 for none.
+    pub sharp_alpha: f32,
     /// Radiance to the texels of the tiles of technique `shared`.
     pub radiance_scale: f32,
     /// Micro-buffers in a row of the paper's image store.
@@ -102,6 +104,9 @@ pub struct Paper {
 }
 
 impl Paper {
+    /// None of them.
+    pub const NONE: Self = Self { image: false, coverage: false, weights: false, cut: false };
+
     /// All of them.
     pub const ALL: Self = Self { image: true, coverage: true, weights: true, cut: true };
 

@@ -11,7 +11,7 @@ use crate::gpu::pipeline::{ComputePipeline, DescriptorSet};
 use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 
 /// How micro-buffers are kept and filled.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct RasterInfo {
     /// Micro-pixels along a side.
     pub size: u32,
@@ -21,6 +21,8 @@ pub struct RasterInfo {
     pub paper: Paper,
     /// Buffers over the full sphere around tiles, instead of the hemispheres above pixels.
     pub shared: bool,
+    /// Discs of narrow lobes, for which each pixel walks the hierarchy.
+    pub lobe: bool,
 }
 
 impl RasterInfo {
@@ -45,9 +47,9 @@ impl RasterInfo {
     }
 
     /// Constants of the shaders that include `common/raster_loop.glsl`.
-    pub(crate) fn constants(&self) -> [Constant; 5] {
+    pub(crate) fn constants(&self) -> [Constant; 6] {
         let [cut, coverage, shared] = CutRules { paper: self.paper, shared: self.shared }.constants();
-        [cut, coverage, shared, Constant::new(2, self.walk), Constant::new(3, self.size)]
+        [cut, coverage, shared, Constant::new(2, self.walk), Constant::new(3, self.size), Constant::new(12, self.lobe)]
     }
 }
 
@@ -60,6 +62,8 @@ pub struct MicroBuffers {
     pub layers: Buffer,
     /// Technique `shared`: sums of where in a texel its light comes from; a token otherwise.
     middles: Buffer,
+    /// Alphas of lobes, where no others are bound.
+    no_alphas: Buffer,
     /// The paper's store; a token otherwise.
     pub store: Image,
     /// How far each pixel of the chunk has come, by pass.
@@ -107,6 +111,7 @@ impl MicroBuffers {
                 if info.shared { micro_pixels * 16 } else { 0 },
                 vk::Format::R32G32B32A32_UINT,
             )?,
+            no_alphas: Buffer::with_texels(context, "no lobes", 4, vk::Format::R32_SFLOAT)?,
             store,
             cursors: [
                 Buffer::new(context, "raster cursors", u64::from(pixels) * 4)?,
@@ -137,6 +142,7 @@ impl MicroBuffers {
             .buffer("nearest_depths", &self.nearest)
             .buffer("layers", &self.layers)
             .buffer("middles", &self.middles)
+            .buffer("lobe_alphas", &self.no_alphas)
             .storage_image("store", &self.store)
     }
 
@@ -225,9 +231,11 @@ impl RasterPass {
             constants.extend([Constant::new(5, info.paper.coverage), Constant::new(6, info.paper.image)]);
             vec![("splat", ComputePipeline::new(context, "splat/splat.comp", &constants)?)]
         } else {
+            let [visibility, coverage] =
+                if info.lobe { ["lobe visibility", "lobe coverage"] } else { ["visibility", "coverage"] };
             vec![
-                ("visibility", ComputePipeline::new(context, "visibility/visibility.comp", &constants)?),
-                ("coverage", ComputePipeline::new(context, "coverage/coverage.comp", &constants)?),
+                (visibility, ComputePipeline::new(context, "visibility/visibility.comp", &constants)?),
+                (coverage, ComputePipeline::new(context, "coverage/coverage.comp", &constants)?),
             ]
         };
         Ok(Self { steps })

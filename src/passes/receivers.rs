@@ -99,7 +99,8 @@ impl ReceiverPass {
             tiles_x: receivers.tiles_x,
             pixels: receivers.pixels,
         };
-        recorder.pass("receivers", |_, commands| self.pipeline.dispatch(commands, &set, &region, receivers.pixels / 4))?;
+        recorder
+            .pass("receivers", |_, commands| self.pipeline.dispatch(commands, &set, &region, receivers.pixels / 4))?;
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead, Use::FeedbackTurn, Use::CopySource]);
         Ok(set)
     }

@@ -38,17 +38,21 @@ pub struct BlockTiles {
 
 /// Roughnesses and view cosines of the table.
 const TABLE: (u32, u32) = (32, 48);
+/// `LOBE_SHARE` and `LOBE_SURE` of `glsl/common/lobe.glsl`.
+const LOBE_SHARE: f64 = 0.9;
+const LOBE_SURE: f64 = 0.7;
 /// Directions along a side of an entry's quadrature.
 const STEPS: u32 = 48;
 
 /// Directional albedos of the principled model's terms for a roughness and a cosine with the normal (Burley 2012, Walter
-/// et al. 2007): the diffuse term times pi over pi, the GGX lobe with F = 1, and the lobe times (1 - cos d)^5.
-fn albedos(roughness: f64, view_cosine: f64) -> [f64; 3] {
+/// et al. 2007): the diffuse term times pi over pi, the GGX lobe with F = 1, the lobe times (1 - cos d)^5, and the tails
+/// of the lobe, which `glsl/common/lobe.glsl` leaves to other buffers.
+fn albedos(roughness: f64, view_cosine: f64) -> [f64; 4] {
     let alpha = (roughness * roughness).max(1e-3);
     let view_cosine = view_cosine.max(1e-3);
     let view = glam::DVec3::new((1.0 - view_cosine * view_cosine).sqrt(), 0.0, view_cosine);
     let masking = |c: f64| 2.0 * c / (c + (alpha * alpha + (1.0 - alpha * alpha) * c * c).sqrt());
-    let mut sums = [0.0; 3];
+    let mut sums = [0.0; 4];
     for i in 0..STEPS * STEPS {
         let u = (f64::from(i % STEPS) + 0.5) / f64::from(STEPS);
         // Half a turn: the other half is its mirror image.
@@ -65,6 +69,7 @@ fn albedos(roughness: f64, view_cosine: f64) -> [f64; 3] {
             let weight = masking(light.z) * masking(view_cosine) * along / (view_cosine * half.z);
             sums[1] += weight;
             sums[2] += weight * (1.0 - along).powi(5);
+            sums[3] += weight * ((u - LOBE_SURE) / (LOBE_SHARE - LOBE_SURE)).clamp(0.0, 1.0);
         }
         // Directions by the cosine.
         let light = around(u.sqrt());
@@ -84,11 +89,12 @@ pub struct TileConvolvePass {
 }
 
 impl TileConvolvePass {
-    /// Makes the pipeline for tiles with `size` texels along a side, and the material's table.
+    /// Makes the pipeline for tiles with `size` texels along a side, and the material's table; `sharp` where narrow lobes
+    /// have buffers of their own.
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn new(context: &Arc<Context>, size: u32, material: MaterialChoice) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, size: u32, material: MaterialChoice, sharp: bool) -> Result<Self> {
         let roughnesses: Vec<f64> = match material {
             MaterialChoice::File => (0..TABLE.0).map(|i| f64::from(i) / f64::from(TABLE.0 - 1)).collect(),
             MaterialChoice::Metal(alpha) => vec![f64::from(alpha).sqrt()],
@@ -99,8 +105,7 @@ impl TileConvolvePass {
             .into_par_iter()
             .map(|i| {
                 let cosine = f64::from(i / width) / f64::from(TABLE.1 - 1);
-                let [diffuse, lobe, grazing] = albedos(roughnesses[(i % width) as usize], cosine).map(f16::from_f64);
-                [diffuse, lobe, grazing, f16::ONE]
+                albedos(roughnesses[(i % width) as usize], cosine).map(f16::from_f64)
             })
             .collect();
         let info = ImageInfo {
@@ -111,7 +116,7 @@ impl TileConvolvePass {
             format: vk::Format::R16G16B16A16_SFLOAT,
             usage: vk::ImageUsageFlags::SAMPLED,
         };
-        let mut constants = vec![Constant::new(3, size), Constant::new(8, material.code())];
+        let mut constants = vec![Constant::new(3, size), Constant::new(8, material.code()), Constant::new(13, sharp)];
         constants.extend(context.small_workgroup());
         Ok(Self {
             pipeline: ComputePipeline::new(context, "tile_convolve/tile_convolve.comp", &constants)?,
@@ -148,7 +153,8 @@ mod tests {
     #[test]
     fn albedos_are_those_of_known_surfaces() {
         // A mirror reflects all; without roughness the diffuse term darkens towards grazing angles, with it it brightens.
-        let [_, lobe, grazing] = albedos(0.03, 0.5);
+        let [_, lobe, grazing, tails] = albedos(0.03, 0.5);
+        assert!((tails - 0.2).abs() < 0.01, "{tails}");
         assert!((lobe - 1.0).abs() < 0.01, "{lobe}");
         assert!((grazing - 0.5_f64.powi(5)).abs() < 0.01, "{grazing}");
         assert!(albedos(0.0, 0.05)[0] < 0.8 && albedos(1.0, 0.05)[0] > 1.1);
