@@ -11,6 +11,7 @@ struct Surface {
     vec3 emissive;
     float roughness;
     float specular;
+    bool sharp; // the lobe has a buffer of its own
 };
 
 // Even bits of a byte-sized Morton code, packed.
@@ -32,6 +33,7 @@ uint output_index(ivec2 texel) { return uint(texel.y) * gather.width + uint(texe
 Surface load_surface(ivec2 texel) {
     vec4 base_metallic = texelFetch(base_metallic_map, texel, 0);
     vec4 emissive_roughness = texelFetch(emissive_roughness_map, texel, 0);
-    return Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, emissive_roughness.a,
-                   texelFetch(normal_map, texel, 0).a);
+    bool sharp = MATERIAL == 2u ? gather.material_parameter < gather.sharp_alpha : emissive_roughness.a < 0.0;
+    return Surface(base_metallic.rgb, base_metallic.a, emissive_roughness.rgb, abs(emissive_roughness.a),
+                   texelFetch(normal_map, texel, 0).a, sharp);
 }

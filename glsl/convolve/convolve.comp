@@ -71,7 +71,7 @@ vec3 reflectance(Surface surface, vec3 normal, vec3 light, vec3 view) {
     if (angles.i <= 0.0 || angles.o <= 0.0) return vec3(0.0);
     float alpha = MATERIAL == 2u ? gather.material_parameter : max(1e-3, surface.roughness * surface.roughness);
     // A lobe with a buffer of its own leaves its tails.
-    float kept = SHARP && alpha < gather.sharp_alpha ? 1.0 - lobe_weight_of(angles.h, alpha * alpha) : 1.0;
+    float kept = SHARP && surface.sharp ? 1.0 - lobe_weight_of(angles.h, alpha * alpha) : 1.0;
     if (MATERIAL == 2u) return vec3(ggx_lobe(angles, alpha) * kept);
     return principled(angles, surface.base_color, surface.metallic, surface.roughness, surface.specular, kept);
 }

@@ -15,7 +15,10 @@ layout(location = 3) in vec2 uv;
 layout(location = 0) out vec4 out_position; // w: 1 where covered
 layout(location = 1) out vec4 out_normal;   // w: Disney's specular
 layout(location = 2) out vec4 out_base_metallic;
-layout(location = 3) out vec4 out_emissive_roughness;
+layout(location = 3) out vec4 out_emissive_roughness; // roughness below zero: the lobe has a buffer of its own
+
+// A lobe that reflects less than this share of what the surface does is not worth one.
+const float LOBE_MATTERS = 0.5;
 
 bool has(uint texture_bit) { return (draw.textures & texture_bit) != 0u; }
 
@@ -49,5 +52,9 @@ void main() {
     out_position = vec4(position_world, 1.0);
     out_normal = vec4(normal, draw.specular);
     out_base_metallic = vec4(base.rgb, metallic);
-    out_emissive_roughness = vec4(emissive, roughness);
+    const vec3 weights = vec3(0.2126, 0.7152, 0.0722);
+    float lobe = dot(mix(vec3(0.08 * draw.specular), base.rgb, metallic), weights);
+    float rest = dot(base.rgb, weights) * (1.0 - metallic);
+    bool sharp = max(1e-3, roughness * roughness) < draw.sharp_alpha && lobe > LOBE_MATTERS * (lobe + rest);
+    out_emissive_roughness = vec4(emissive, sharp ? -max(roughness, 1e-3) : roughness);
 }

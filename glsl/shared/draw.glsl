@@ -7,5 +7,6 @@ layout(push_constant) uniform Draw {
     float normal_scale;
     float alpha_cutoff;
     float specular;
+    float sharp_alpha; // lobes with a smaller GGX alpha may have buffers of their own
     uint textures; // bit 0 base colour, 1 metallic-roughness, 2 normal, 3 emissive
 } draw;

@@ -37,9 +37,11 @@ struct Pixel {
     float roughness;
     bool sharp; // its lobe has a buffer of its own, which leaves the tails
     float view_cosine;
+    float rim; // (1 - cos o)^5
+    vec3 normal_incidence; // Fresnel's term where the half vector is
     vec4 diffuse;
     vec4 lobe;
-    vec4 grazing_lobe;
+    float rim_lobe; // the BRDF's part that grows with (1 - cos d)^5
 };
 
 Pixel load_pixel(uint index, bool lit) {
@@ -51,12 +53,20 @@ Pixel load_pixel(uint index, bool lit) {
     pixel.view_cosine = dot(pixel.normal, pixel.view);
     pixel.roughness = 1.0;
     pixel.alpha2 = 1.0;
-    if (MATERIAL == 0u && covered) pixel.roughness = load_surface(texel_of(index)).roughness;
+    pixel.normal_incidence = vec3(1.0);
+    pixel.sharp = MATERIAL == 2u && gather.material_parameter < gather.sharp_alpha;
+    if (MATERIAL == 0u && covered) {
+        Surface surface = load_surface(texel_of(index));
+        pixel.sharp = surface.sharp;
+        pixel.roughness = surface.roughness;
+        pixel.normal_incidence = mix(vec3(0.08 * surface.specular), surface.base_color, surface.metallic);
+    }
     if (MATERIAL == 2u) pixel.roughness = sqrt(gather.material_parameter);
     float alpha = max(1e-3, pixel.roughness * pixel.roughness);
     pixel.alpha2 = alpha * alpha;
-    pixel.sharp = alpha < gather.sharp_alpha;
-    pixel.diffuse = pixel.lobe = pixel.grazing_lobe = vec4(0.0);
+    pixel.rim = pow5(1.0 - pixel.view_cosine);
+    pixel.diffuse = pixel.lobe = vec4(0.0);
+    pixel.rim_lobe = 0.0;
     return pixel;
 }
 
@@ -69,19 +79,23 @@ void add(inout Pixel pixel, vec3 light, vec4 radiance) {
     }
     // With s = |l + v|^2: the distribution is alpha^2 / pi * (s / t)^2, masking over 4 cos i cos o is 1 / ((i + root i)
     // (o + root o)); what is the same for all texels cancels.
-    float s = 2.0 + 2.0 * dot(pixel.view, light);
+    float s = max(0.0, 2.0 + 2.0 * dot(pixel.view, light));
     float middle = cosine + pixel.view_cosine;
     float t = s - (1.0 - pixel.alpha2) * middle * middle + 1e-9;
     float root = sqrt(pixel.alpha2 + (1.0 - pixel.alpha2) * cosine * cosine);
     float lobe = cosine * s * s / (t * t * (cosine + root));
     if (SHARP && pixel.sharp) lobe *= 1.0 - lobe_weight(1.0 - pixel.alpha2 * middle * middle / t);
-    pixel.lobe += radiance * lobe;
-    if (MATERIAL == 0u) {
-        pixel.grazing_lobe += radiance * (lobe * pow5(1.0 - 0.5 * sqrt(s)));
-        float grazing = 0.5 + 0.5 * s * pixel.roughness; // cos^2 d is s / 4
-        float diffuse = mix(1.0, grazing, pow5(1.0 - cosine)) * mix(1.0, grazing, pow5(1.0 - pixel.view_cosine));
-        pixel.diffuse += radiance * (cosine * diffuse);
+    if (MATERIAL == 2u) {
+        pixel.lobe += radiance * lobe;
+        return;
     }
+    // cos^2 d is s / 4.
+    float rim = lobe * pow5(1.0 - 0.5 * sqrt(s));
+    pixel.lobe += radiance * vec4(pixel.normal_incidence * (lobe - rim) + rim, lobe);
+    pixel.rim_lobe += rim;
+    float grazing = 0.5 * s * pixel.roughness - 0.5;
+    float diffuse = (1.0 + grazing * pow5(1.0 - cosine)) * (1.0 + grazing * pixel.rim);
+    pixel.diffuse += radiance * (cosine * diffuse);
 }
 
 vec3 mean(vec4 sum) { return sum.rgb / max(sum.a, 1e-20); }
@@ -97,11 +111,13 @@ void finish(Pixel pixel, uint index) {
         vec2 at = vec2(pixel.roughness, max(0.0, pixel.view_cosine)) * (1.0 - 1.0 / size) + 0.5 / size;
         vec4 albedo = textureLod(albedo_table, at, 0.0);
         if (pixel.sharp) albedo.yz *= albedo.w / max(albedo.y, 1e-4);
-        radiance = albedo.y * mean(pixel.lobe);
-        if (MATERIAL == 0u) {
+        if (MATERIAL == 2u) {
+            radiance = albedo.y * mean(pixel.lobe);
+        } else {
             Surface surface = load_surface(texel);
-            vec3 normal_incidence = mix(vec3(0.08 * surface.specular), surface.base_color, surface.metallic);
-            radiance = normal_incidence * radiance + (1.0 - normal_incidence) * (albedo.z * mean(pixel.grazing_lobe))
+            vec3 exact = pixel.normal_incidence * (albedo.y - albedo.z) + albedo.z;
+            vec3 summed = pixel.normal_incidence * (pixel.lobe.a - pixel.rim_lobe) + pixel.rim_lobe;
+            radiance = exact * pixel.lobe.rgb / max(summed, vec3(1e-20))
                      + surface.base_color * ((1.0 - surface.metallic) * albedo.x) * mean(pixel.diffuse);
         }
     }

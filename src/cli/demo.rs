@@ -250,6 +250,7 @@ impl Demo {
             ("ours", technique.name(), 2 * self.quarter, Paper::default()),
             ("paper all", "paper", self.quarter, Paper::ALL),
         ] {
+            let technique = if paper == Paper::NONE { technique } else { stage::per_pixel(&self.context) };
             let (frame, picture) = self.lit(&format!("{prefix}-{name}"), side, (technique, material, paper))?;
             let truth = self.truth(&format!("{prefix}-{name}-truth"), &frame, material)?;
             let image = stage::image_of(&frame)?;
@@ -344,7 +345,12 @@ impl Demo {
             let (frame, picture) = self.lit(&name, 2 * self.quarter, file)?;
             let mut caption = format!("{:.2} s", frame.stats.wall_ms / 1e3);
             if let Some(classic) = &first {
-                let same = if classic.rgba == frame.rgba { "equal to the byte" } else { "NOT equal" };
+                let same = if classic.rgba == frame.rgba {
+                    "equal to the byte".into()
+                } else {
+                    let metrics = compare::compare(&stage::image_of(&frame)?, &stage::image_of(classic)?)?;
+                    format!("differs by {:.3} (relative RMS)", metrics.relative_rms_luminance)
+                };
                 caption = format!("{caption}, {:.2} of classic; {same}", frame.stats.wall_ms / classic.stats.wall_ms);
                 say!("{:>9}  {technique}: {caption}", "")?;
             }

@@ -11,7 +11,7 @@ use super::{progress, values};
 use crate::formats::cloud::{CloudOptions, Up};
 use crate::formats::image::{ExrGroup, ExrLayers};
 use crate::formats::{bsh, cloud, color, image, object, whole};
-use crate::frames::{Frame, MaterialChoice, Paper, Renderer, Settings, Technique};
+use crate::frames::{Frame, MaterialChoice, Paper, Quality, Renderer, Settings, Technique};
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Context, ContextOptions};
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
@@ -75,18 +75,22 @@ pub(super) struct Args {
     /// Image size
     #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true, default_value = "512x512")]
     size: (u32, u32),
-    /// classic, mipmapped or hybrid [default: hybrid, or classic where the device lacks what hybrid needs]
+    /// Technique, sizes and thresholds together: draft, normal or high
+    #[arg(long, default_value = "normal")]
+    quality: Quality,
+    /// classic, mipmapped, hybrid or shared [default: by --quality; hybrid with --paper; classic where the device lacks
+    /// what the others need]
     #[arg(long)]
     technique: Option<Technique>,
-    /// Micro-pixels along a side: even, 8 to 64
-    #[arg(long, value_name = "N", value_parser = values::microbuffer, allow_hyphen_values = true, default_value = "24")]
-    microbuffer: u32,
+    /// Micro-pixels along a side: even, 8 to 64 [default: by --quality]
+    #[arg(long, value_name = "N", value_parser = values::microbuffer, allow_hyphen_values = true)]
+    microbuffer: Option<u32>,
     /// Follow the paper to the letter in these parts: image, coverage, weights, cut, or all
     #[arg(long, value_name = "PARTS", value_parser = values::paper)]
     paper: Option<Paper>,
-    /// Solid angle at which nodes are rasterised, in micro-pixels
-    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true, default_value = "4")]
-    stop: f64,
+    /// Solid angle at which nodes are rasterised, in micro-pixels [default: by --quality]
+    #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true)]
+    stop: Option<f64>,
     /// Solid angle at which hybrid leaves the geometry shader, in micro-pixels
     #[arg(long, value_name = "OMEGAS", value_parser = values::positive, allow_hyphen_values = true, default_value = "32")]
     switch: f64,
@@ -132,6 +136,9 @@ struct Stats<'a> {
     paper: Paper,
     material: MaterialChoice,
     covered_pixels: u64,
+    shared_tiles: u64,
+    per_pixel: u64,
+    sharp_lobes: u64,
     points: Option<usize>,
     nodes_before_pruning: Option<usize>,
     nodes: usize,
@@ -185,7 +192,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let context = clock.time("device", || {
         Context::new(&ContextOptions { device: args.device.clone(), validation: args.validation })
     })?;
-    let technique = pick_technique(args.technique, &context);
+    let technique = pick_technique(args, &context);
 
     // The object's place is in the file's coordinates, which a cloud with large ones is not kept in: the cloud comes
     // first, and its normals look at the object.
@@ -193,17 +200,18 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let place = placement(args, loaded.origin);
     let object = object.transformed(place);
     let camera = camera(args, &object, loaded.origin)?;
+    let quality = args.quality.settings();
     let settings = Settings {
         technique,
         width: args.size.0,
         height: args.size.1,
-        microbuffer: args.microbuffer,
+        microbuffer: args.microbuffer.unwrap_or(quality.microbuffer),
         paper: args.paper.unwrap_or_default(),
         material: args.material,
-        stop: args.stop,
+        stop: args.stop.unwrap_or(quality.stop),
         switch: args.switch,
-        sharp: !args.no_sharp,
-        parallax: Settings::DEFAULT_PARALLAX,
+        sharp: quality.sharp && !args.no_sharp,
+        parallax: quality.parallax,
         memory_budget: args.memory_budget << 20,
         pair_capacity: None,
     };
@@ -238,6 +246,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
             paper: settings.paper,
             material: settings.material,
             covered_pixels: stats.covered_pixels,
+            shared_tiles: stats.tiles,
+            per_pixel: stats.per_pixel,
+            sharp_lobes: stats.lobes,
             points: loaded.points,
             nodes_before_pruning: loaded.nodes_before,
             nodes: loaded.hierarchy.len(),
@@ -268,10 +279,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// What was asked for; else hybrid, or classic with one line about why.
-fn pick_technique(wanted: Option<Technique>, context: &Context) -> Technique {
-    wanted.unwrap_or_else(|| match context.why_no_feedback() {
-        None => Technique::Hybrid,
+/// What was asked for; else what the quality has, or classic with one line about why.
+fn pick_technique(args: &Args, context: &Context) -> Technique {
+    args.technique.unwrap_or_else(|| match context.why_no_feedback() {
+        None if args.paper.is_some() => Technique::Hybrid,
+        None => args.quality.settings().technique,
         Some(why) => {
             tracing::warn!("{why}");
             Technique::Classic

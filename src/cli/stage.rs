@@ -122,6 +122,11 @@ pub(super) fn techniques(context: &Context) -> Vec<Technique> {
     }
 }
 
+/// The quickest of the techniques that have a micro-buffer for each pixel, as the paper has.
+pub(super) fn per_pixel(context: &Context) -> Technique {
+    if context.why_no_feedback().is_none() { Technique::Hybrid } else { Technique::Classic }
+}
+
 /// Renders one frame with a bar. Drivers finish compiling a pipeline when it first runs: a frame of the object from
 /// afar does that before the clock starts.
 pub(super) fn render(

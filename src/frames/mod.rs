@@ -63,6 +63,54 @@ impl FromStr for Technique {
     }
 }
 
+/// Technique, sizes and thresholds together, from curves of error over time (`bench truth`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Quality {
+    /// As quick as it gets while the light stays right.
+    Draft,
+    /// As good as a micro-buffer of 24x24 for each pixel, in a tenth of the time.
+    #[default]
+    Normal,
+    /// Twice as good in three times the time.
+    High,
+}
+
+impl Quality {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Draft, Self::Normal, Self::High];
+
+    /// The name it has everywhere.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Normal => "normal",
+            Self::High => "high",
+        }
+    }
+
+    /// Settings of that quality.
+    pub fn settings(self) -> Settings {
+        let normal = Settings::default();
+        match self {
+            Self::Draft => Settings { microbuffer: 16, parallax: 2.0 * normal.parallax, sharp: false, ..normal },
+            Self::Normal => normal,
+            Self::High => Settings { microbuffer: 32, stop: 2.0, parallax: 0.5 * normal.parallax, ..normal },
+        }
+    }
+}
+
+impl FromStr for Quality {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|q| q.name() == text)
+            .ok_or_else(|| format!("{text:?} is no quality; there are draft, normal and high"))
+    }
+}
+
 /// Everything that a frame depends on besides scene and camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
@@ -97,27 +145,37 @@ impl Settings {
     pub const MICROBUFFER: std::ops::RangeInclusive<u32> = 8..=64;
     /// Default memory budget, bytes.
     pub const DEFAULT_BUDGET: u64 = 512 << 20;
-    /// Default parallax of tiles, texels.
-    pub const DEFAULT_PARALLAX: f64 = 0.5;
+    /// Default parallax of tiles, texels; the whole for diffuse surfaces, less for shinier ones.
+    pub const DEFAULT_PARALLAX: f64 = 0.45;
 }
 
 impl Settings {
+    /// Parallax of tiles for the material: shinier surfaces show more of it.
+    pub(crate) fn tile_parallax(&self) -> f64 {
+        let share = match self.material {
+            MaterialChoice::Diffuse(_) => 1.0,
+            MaterialChoice::File => 0.8,
+            MaterialChoice::Metal(alpha) => 0.5 + 0.5 * f64::from(alpha),
+        };
+        self.parallax * share
+    }
+
     /// GGX alpha below which lobes have buffers of their own, 0 for none: their width, about two alpha, is that of two
     /// and a half micro-pixels in the middle of a hemisphere's micro-buffer.
     pub(crate) fn sharp_alpha(&self) -> f32 {
         let possible = match self.material {
             MaterialChoice::Diffuse(_) => false,
-            MaterialChoice::Metal(alpha) => alpha < 5.0 / self.microbuffer as f32,
+            MaterialChoice::Metal(alpha) => alpha < 4.0 / self.microbuffer as f32,
             MaterialChoice::File => true,
         };
-        if self.sharp && possible && self.paper == Paper::default() { 5.0 / self.microbuffer as f32 } else { 0.0 }
+        if self.sharp && possible && self.paper == Paper::default() { 4.0 / self.microbuffer as f32 } else { 0.0 }
     }
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            technique: Technique::Hybrid,
+            technique: Technique::Shared,
             width: 512,
             height: 512,
             microbuffer: 24,

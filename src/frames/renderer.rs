@@ -379,7 +379,14 @@ impl Renderer {
             receivers,
         };
         let (near, far) = self.depth_range(camera);
-        let view = View { width: self.settings.width, height: self.settings.height, region: rect, near, far };
+        let view = View {
+            width: self.settings.width,
+            height: self.settings.height,
+            region: rect,
+            near,
+            far,
+            sharp_alpha: self.settings.sharp_alpha(),
+        };
         let mut recorder = Recorder::new(&self.context)?;
         recorder.pass("clear output", |device, commands| {
             // SAFETY: the buffer is live and was made as a copy target.
@@ -461,24 +468,23 @@ impl Renderer {
 
     /// The pixels below `tiles` whose lobes are narrow enough for buffers of their own.
     fn lobe_batch(&self, region: &Region, coverage: &Coverage, tiles: &[Receiver]) -> Result<Batch> {
-        let most = self.settings.sharp_alpha();
+        // Where a roughness is below zero.
         let roughness: Option<Vec<[half::f16; 4]>> = match self.settings.material {
             MaterialChoice::File => Some(read_image(&region.gbuffer.emissive_roughness)?),
             _ => None,
         };
         let alpha_of = |pixel: u32| match &roughness {
-            None => self.settings.material.parameter(),
+            None => Some(self.settings.material.parameter()),
             Some(texels) => {
                 let (x, y) = pixel_place(pixel, region.receivers.tiles_x);
                 let roughness = texels[(y * region.rect.width + x) as usize][3].to_f32();
-                (roughness * roughness).max(1e-3)
+                (roughness < 0.0).then_some((roughness * roughness).max(1e-3))
             }
         };
         let (pixels, alphas): (Vec<u32>, Vec<f32>) = tiles
             .iter()
             .flat_map(|tile| coverage.pixels(*tile))
-            .map(|pixel| (pixel, alpha_of(pixel)))
-            .filter(|(_, alpha)| *alpha < most)
+            .filter_map(|pixel| alpha_of(pixel).map(|alpha| (pixel, alpha)))
             .unzip();
         Ok(Batch {
             receivers: Vec::new(),

@@ -70,7 +70,7 @@ impl Shared {
             pairs: TexelPairs::new(info.size),
             tiles: Tiles::new(context, info.size, plan.slots)?,
             rounds: 3 + info.size * info.size / 512,
-            limit: settings.parallax as f32,
+            limit: settings.tile_parallax() as f32,
         })
     }
 

@@ -32,6 +32,8 @@ pub struct Draw {
     pub alpha_cutoff: f32,
     /// Disney's specular.
     pub specular: f32,
+    /// GGX alpha below which lobes may have buffers of their own.
+    pub sharp_alpha: f32,
     /// Which textures there are: bit 0 base colour, 1 metallic-roughness, 2 normal, 3 emissive.
     pub textures: u32,
 }
@@ -192,7 +194,10 @@ impl GBufferPass {
                     &[set.handle],
                     &[],
                 );
-                self.pipeline.layout.push(commands, &Draw { clip_from_world, eye: camera.from.into(), ..*draw });
+                self.pipeline.layout.push(
+                    commands,
+                    &Draw { clip_from_world, eye: camera.from.into(), sharp_alpha: view.sharp_alpha, ..*draw },
+                );
                 device.cmd_draw_indexed(commands, range.end - range.start, 1, range.start, 0, 0);
             }
         }
@@ -212,6 +217,8 @@ pub struct View {
     pub near: f32,
     /// Farthest depth, metres.
     pub far: f32,
+    /// GGX alpha below which lobes may have buffers of their own; 0 for none.
+    pub sharp_alpha: f32,
 }
 
 impl GpuObject {
@@ -260,6 +267,7 @@ fn draw_of(material: &Material) -> Draw {
         normal_scale: material.normal_scale,
         alpha_cutoff: material.alpha_cutoff,
         specular: material.specular,
+        sharp_alpha: 0.0,
         textures: bit(material.base_color_texture, 0)
             | bit(material.metallic_roughness_texture, 1)
             | bit(material.normal_texture, 2)

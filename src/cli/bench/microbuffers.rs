@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         false => (&[8, 12, 16, 24, 32, 48, 64], &MATERIALS[..], 1024),
     };
     let context = Context::new(&ContextOptions::default())?;
-    let technique = stage::techniques(&context).pop().unwrap_or(Technique::Classic);
+    let technique = stage::per_pixel(&context);
     let options = BakeOptions { texel: 0.03, direct_samples: 48, bounced_samples: 512, ..BakeOptions::default() };
     let stage = Stage::new(toy_room(), POINTS, &options)?;
     let object = stage::placed(sphere(0.35, 48), Vec3::Y);

@@ -3,6 +3,7 @@
 mod microbuffers;
 mod pbgi;
 mod tables;
+mod truth;
 
 use crate::Result;
 
@@ -12,11 +13,14 @@ pub(super) enum Verb {
     Pbgi(pbgi::Args),
     /// Error and time over the size of micro-buffers, ours and the paper's
     Microbuffers(microbuffers::Args),
+    /// Error against time for every technique and size, by images of an independent path tracer
+    Truth(truth::Args),
 }
 
 pub(super) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Pbgi(args) => pbgi::run(args),
         Verb::Microbuffers(args) => microbuffers::run(args),
+        Verb::Truth(args) => truth::run(args),
     }
 }

@@ -15,7 +15,7 @@ type Column = (&'static str, &'static str, u32);
 /// All tables of a run.
 pub(super) fn all(cells: &[Cell]) -> String {
     let everyone = &Technique::ALL[..];
-    let others = &[Technique::Mipmapped, Technique::Hybrid][..];
+    let others = &[Technique::Mipmapped, Technique::Hybrid, Technique::Shared][..];
     let mib = |bytes: u64| format!("{:.1}", bytes as f64 / f64::from(1 << 20));
     let ratio = |m: &Measured| m.of_classic.map_or("-".into(), |ratio| format!("{ratio:.2}"));
     let mut text = [

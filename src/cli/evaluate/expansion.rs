@@ -11,7 +11,7 @@ use crate::cli::output::say;
 use crate::cli::{expand, render, stage, values};
 use crate::compare::{self, Image, Metrics, Tile, contact_sheet, to_srgb8};
 use crate::formats::image::write_png;
-use crate::frames::{MaterialChoice, Settings, Technique};
+use crate::frames::{MaterialChoice, Settings};
 use crate::gpu::{Context, ContextOptions};
 use crate::preprocess::expansion::{Expansion, Inputs, Options, Places, Strategy, Transfer};
 use crate::preprocess::hierarchy::{self, BuildOptions};
@@ -212,7 +212,7 @@ impl<'a> Lit<'a> {
     /// By view, then by material.
     fn images(&self, cloud: &Cloud) -> Result<Vec<Image>> {
         let (hierarchy, _) = hierarchy::build(cloud, &BuildOptions::default())?;
-        let technique = if self.context.why_no_feedback().is_none() { Technique::Hybrid } else { Technique::Classic };
+        let technique = stage::per_pixel(self.context);
         let mut images = Vec::new();
         for camera in &self.views {
             for (_, material) in MATERIALS {
