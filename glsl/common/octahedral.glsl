@@ -32,8 +32,8 @@ vec2 octahedral_place(vec3 direction, vec3 first, vec3 second, out vec2 extent) 
     return 0.5 + 0.5 * mix(place, -place, lessThan(direction.xy, vec2(0.0)));
 }
 
-// Unit direction of a place in [0, 1]^2, and by how much it changes along `step_x` and `step_y`, to first order.
-vec3 octahedral_direction(vec2 place, vec2 step_x, vec2 step_y, out vec3 change_x, out vec3 change_y) {
+// Unit direction of a place in [0, 1]^2.
+vec3 octahedral_direction(vec2 place) {
     place = 2.0 * place - 1.0;
     vec2 size = abs(place);
     float beyond = 1.0 - size.x - size.y; // negative in the lower half
@@ -46,22 +46,7 @@ vec3 octahedral_direction(vec2 place, vec2 step_x, vec2 step_y, out vec3 change_
     float across = radius * sqrt(max(0.0, 1.0 - 0.5 * radius * radius)); // over the root of 2
     vec2 flat_ = vec2(cosine - sine, cosine + sine) * across;
     float height = 1.0 - radius * radius;
-    vec3 signs = vec3(place.x < 0.0 ? -1.0 : 1.0, place.y < 0.0 ? -1.0 : 1.0, beyond < 0.0 ? -1.0 : 1.0);
-
-    // Changes of radius and angle along both steps, and what they do.
-    float inverse = 1.0 / max(radius, 1e-2);
-    vec4 steps = 2.0 * vec4(step_x * signs.xy, step_y * signs.xy);
-    vec2 wider = signs.z * (steps.xz + steps.yw);
-    vec2 turn = (0.785398163 * (steps.yw - steps.xz) - angle * wider) * inverse;
-    vec2 growth = wider * (height * inverse / (1.0 - 0.5 * radius * radius));
-    change_x = signs * vec3(flat_.x * growth.x - flat_.y * turn.x, flat_.y * growth.x + flat_.x * turn.x, -2.0 * radius * wider.x);
-    change_y = signs * vec3(flat_.x * growth.y - flat_.y * turn.y, flat_.y * growth.y + flat_.x * turn.y, -2.0 * radius * wider.y);
-    return signs * vec3(flat_, height);
-}
-
-vec3 octahedral_direction(vec2 place) {
-    vec3 unused_x, unused_y;
-    return octahedral_direction(place, vec2(0.0), vec2(0.0), unused_x, unused_y);
+    return vec3(place.x < 0.0 ? -flat_.x : flat_.x, place.y < 0.0 ? -flat_.y : flat_.y, beyond < 0.0 ? -height : height);
 }
 
 // A cell that may lie up to a side beyond an edge, where the sphere goes on.

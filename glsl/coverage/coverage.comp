@@ -20,7 +20,8 @@ layout(binding = 11, rgba32ui) uniform uimageBuffer layers;
 
 const float FRONT_LAYER = 1.25;
 
-// Technique `shared`: brightness times place in the texel, x and y of the front layer and of the back layer.
+// Technique `shared`: brightness times place in the texel, x and y, of the front layer; brightness times nearest depth
+// over depth, of the front layer and of the back layer.
 layout(binding = 13, rgba32ui) uniform uimageBuffer middles;
 
 void add(int at, float share, vec3 color, float depth, vec2 middle) {
@@ -31,9 +32,9 @@ void add(int at, float share, vec3 color, float depth, vec2 middle) {
     precise vec4 part = vec4(color, COVERAGE_ONE) * share;
     imageStore(layers, layer, imageLoad(layers, layer) + uvec4(ivec4(part + 0.5)));
     if (SHARED) {
-        precise vec2 weighted = brightness(part.rgb) * middle;
-        ivec2 whole = ivec2(weighted + 0.5);
-        imageStore(middles, at, imageLoad(middles, at) + uvec4(back ? ivec4(0, 0, whole) : ivec4(whole, 0, 0)));
+        precise vec3 weighted = brightness(part.rgb) * vec3(middle, front / depth);
+        ivec3 whole = ivec3(weighted + 0.5);
+        imageStore(middles, at, imageLoad(middles, at) + uvec4(back ? ivec4(0, 0, 0, whole.z) : ivec4(whole, 0)));
     }
 }
 

@@ -41,9 +41,10 @@ vec3 kept_light(vec3 mean_radiance, float share) {
     return mean_radiance * mix(1.0, share, lamp) + vec3(gather.typical * lamp * (1.0 - share));
 }
 
-// Radiance of a texel, and where in it its light comes from.
-vec3 texel_radiance(int at, vec2 corner, out vec2 middle) {
+// Radiance of a texel, where in it its light comes from, and the nearest depth over that of the light.
+vec3 texel_radiance(int at, vec2 corner, out vec2 middle, out float nearness) {
     middle = vec2(0.5);
+    nearness = 1.0;
     uvec4 front = texelFetch(layers, 2 * at);
     uvec4 back = texelFetch(layers, 2 * at + 1);
     vec2 coverage = vec2(front.a, back.a) / COVERAGE_ONE;
@@ -54,9 +55,10 @@ vec3 texel_radiance(int at, vec2 corner, out vec2 middle) {
     vec3 front_mean = vec3(front.rgb) / max(1e-9, gather.color_scale * coverage.x);
     vec3 back_mean = vec3(back.rgb) / max(1e-9, gather.color_scale * coverage.y);
     uvec4 sums_ = texelFetch(middles, at);
-    if (coverage.x > 0.0) middle = vec2(sums_.xy) / max(1.0, brightness(vec3(front.rgb)));
-    else middle = vec2(sums_.zw) / max(1.0, brightness(vec3(back.rgb)));
-    middle = clamp(middle, vec2(0.0), vec2(1.0));
+    vec2 bright = vec2(brightness(vec3(front.rgb)), brightness(vec3(back.rgb)));
+    if (bright.x > 0.0) middle = clamp(vec2(sums_.xy) / bright.x, vec2(0.0), vec2(1.0));
+    if (bright.x > 0.0) nearness = min(1.0, float(sums_.z) / bright.x);
+    else if (bright.y > 0.0) nearness = min(1.0, float(sums_.w) / bright.y);
     float opaque = coverage.y > 0.0 ? min(1.0, coverage.x / OPAQUE) : 1.0;
     return (opaque == 1.0 ? kept_light(front_mean, coverage.x) : opaque * front_mean) + back_mean * (1.0 - opaque);
 }
@@ -76,11 +78,13 @@ void main() {
             int at = int(entry * 2u * PAIRS + texel);
             vec2 corner = vec2(texel % SIZE, texel / SIZE);
             vec2 middle;
-            vec3 radiance = texel_radiance(at, corner, middle);
+            float nearness;
+            vec3 radiance = texel_radiance(at, corner, middle, nearness);
             float weight = luminance(radiance) + 0.1 * gather.typical;
-            float parallax = min(4.0, reach / texelFetch(nearest_depths, at).x);
+            float depth = texelFetch(nearest_depths, at).x;
+            float parallax = min(4.0, reach / depth);
             sum += weight * vec2(1.0, parallax);
-            uvec2 packed_texel = pack_texel(radiance * gather.radiance_scale, (corner + middle) / float(SIZE));
+            uvec2 packed_texel = pack_texel(radiance * gather.radiance_scale, middle, depth < 1e30 ? nearness / depth : 0.0);
             if (half_ == 0u) texels.xy = packed_texel;
             else texels.zw = packed_texel;
         }

@@ -206,6 +206,7 @@ impl TileMap {
         let size = 4 / parts;
         let first = [x + part[0] * size, y + part[1] * size].map(i64::from);
         let centre = |tile: Receiver| Vec4::from(self.spheres[self.at(tile)]).truncate();
+        let middle = centre(Receiver::new(FINEST, pixel_slot(x, y, self.tiles_x) >> (2 * FINEST)));
         let reach = self.spheres[self.at(own)][3].max(1e-20);
         let [column, row] = first.map(|v| (v + side / 2).div_euclid(side) - 1);
         let mut tiles = BlockTiles { slots: [buffer.slot; 4], ..BlockTiles::default() };
@@ -222,6 +223,8 @@ impl TileMap {
             }
             let apart = centre(tile).distance(centre(own)) / reach;
             tiles.slots[k as usize] = buffer.slot;
+            let offset = centre(tile) - middle;
+            (0..3).for_each(|axis| tiles.offsets[axis][k as usize] = offset[axis]);
             present[k as usize] = ((NEAR.1 - apart) / (NEAR.1 - NEAR.0)).clamp(0.0, 1.0);
         }
         // Weights at the part's corners.

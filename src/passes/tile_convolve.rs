@@ -34,6 +34,8 @@ pub struct BlockTiles {
     /// Block as an index of level 2; which of its pixels are lit, one bit each in Morton order; first and number of the
     /// pairs of texels that light it.
     pub work: [u32; 4],
+    /// From the block's middle to those of the tiles, metres: x, y and z of the four.
+    pub offsets: [[f32; 4]; 3],
 }
 
 /// Roughnesses and view cosines of the table.
