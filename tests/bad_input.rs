@@ -233,7 +233,8 @@ fn values_of_flags() {
     for microbuffer in ["7", "9", "66", "0", "-8", "x"] {
         place.render_refuses(&format!("--microbuffer {microbuffer}"), &["--microbuffer", "8 to 64"]);
     }
-    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped and hybrid"]);
+    place.render_refuses("--quality best", &["--quality", "draft, normal and high"]);
+    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped, hybrid and shared"]);
     for material in ["gold", "diffuse", "diffuse:", "diffuse:2", "diffuse:-1", "metal:0", "metal:NaN", "metal:2"] {
         place.render_refuses(&format!("--material {material}"), &["--material", material]);
     }
@@ -635,7 +636,7 @@ fn few_points() {
         [("one", &[one][..]), ("same", &[one; 300]), ("line", &line), ("two", &two), ("touching", &touching)]
     {
         place.put("cloud.ply", ply(points));
-        for technique in ["classic", "mipmapped", "hybrid"] {
+        for technique in ["classic", "mipmapped", "hybrid", "shared"] {
             eprintln!("{name}, {technique}");
             place.renders(&format!("--technique {technique}"));
         }

@@ -98,14 +98,14 @@ fn a_small_budget_holds_and_changes_no_byte() {
 #[test]
 fn a_budget_that_is_too_small_says_what_is_needed() {
     let device = Device::new();
-    match try_render(&device, &room(), Settings { memory_budget: 8 << 20, ..settings() }) {
+    match try_render(&device, &room(), Settings { memory_budget: 2 << 20, ..settings() }) {
         Err(Error::Limit(message)) => {
             println!("{message}");
-            assert!(message.contains("8 MiB"), "{message}");
+            assert!(message.contains("2 MiB"), "{message}");
             let needed: u64 = message.rsplit(' ').find_map(|word| word.parse().ok()).expect("the number that it needs");
             render(&device, &room(), Settings { memory_budget: needed << 20, ..settings() });
         }
-        other => panic!("8 MiB are too few, but: {:?}", other.map(|f| f.stats)),
+        other => panic!("2 MiB are too few, but: {:?}", other.map(|f| f.stats)),
     }
 }
 
@@ -130,7 +130,7 @@ fn image_regions_meet_without_a_seam() {
         let frame = |budget: u64| render(&Device::new(), &hierarchy, Settings { memory_budget: budget, ..settings });
         let one = frame(512 << 20);
         // Two rows of regions, then many small ones.
-        for mebibytes in [28, 23] {
+        for mebibytes in [15, 10] {
             let many = frame(mebibytes << 20);
             let (pixels, most) = difference(&one, &many);
             println!("{technique} {mebibytes} MiB: {pixels} pixels differ, by {most} at most");

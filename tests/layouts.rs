@@ -43,6 +43,7 @@ fn push_constants() -> [Struct; 4] {
             stop_sin2 as "stop_sin2",
             switch_sin2 as "switch_sin2",
             capacity as "capacity",
+            list_capacity as "list_capacity",
         }),
         members!(Gather {
             pixels as "pixels",
@@ -59,6 +60,8 @@ fn push_constants() -> [Struct; 4] {
             stop_sin2 as "stop_sin2",
             last_round as "last_round",
             typical as "typical",
+            sharp_alpha as "sharp_alpha",
+            radiance_scale as "radiance_scale",
             store_columns as "store_columns",
         }),
         members!(ImageRegion { width as "width", height as "height", tiles_x as "tiles_x", pixels as "pixels" }),
@@ -70,6 +73,7 @@ fn push_constants() -> [Struct; 4] {
             normal_scale as "normal_scale",
             alpha_cutoff as "alpha_cutoff",
             specular as "specular",
+            sharp_alpha as "sharp_alpha",
             textures as "textures",
         }),
     ]

@@ -76,6 +76,7 @@ Pixel load_pixel(uint index, bool lit, vec3 block_middle) {
 // Adds a texel with radiance.rgb from direction `light`, which the pixel's place has made a little longer or shorter;
 // radiance.a is 1.
 void add(inout Pixel pixel, vec3 light, vec4 radiance) {
+    if (MATERIAL != 1u) light *= inversesqrt(dot(light, light) + 1e-12);
     float cosine = max(0.0, dot(pixel.normal, light));
     if (MATERIAL == 1u) {
         pixel.diffuse += radiance * cosine;
@@ -83,7 +84,7 @@ void add(inout Pixel pixel, vec3 light, vec4 radiance) {
     }
     // With s = |l + v|^2: the distribution is alpha^2 / pi * (s / t)^2, masking over 4 cos i cos o is 1 / ((i + root i)
     // (o + root o)); what is the same for all texels cancels.
-    float s = 1.0 + dot(light, light) + 2.0 * dot(pixel.view, light);
+    float s = max(0.0, 2.0 + 2.0 * dot(pixel.view, light));
     float middle = cosine + pixel.view_cosine;
     float t = s - (1.0 - pixel.alpha2) * middle * middle + 1e-9;
     float root = sqrt(pixel.alpha2 + (1.0 - pixel.alpha2) * cosine * cosine);

@@ -30,7 +30,7 @@ pub(super) fn run(_args: &Args) -> Result<()> {
         let list = |missing: &[&str]| missing.join(", ");
         match (device.usable(), device.feedback()) {
             (false, _) => say!("  unusable: lacks {}", list(&device.missing))?,
-            (true, true) => say!("  techniques: classic, mipmapped, hybrid")?,
+            (true, true) => say!("  techniques: classic, mipmapped, hybrid, shared")?,
             (true, false) => say!("  techniques: classic (others need {})", list(&device.missing_feedback))?,
         }
     }

@@ -135,6 +135,9 @@ impl PixelPasses {
     /// Adds a frame's counts to its statistics.
     pub(super) fn report(&self, stats: &mut FrameStats) -> Result<()> {
         let counts = self.counts()?;
+        if counts == RasterCounts::default() {
+            return Ok(());
+        }
         let raster = self.raster.counting_pass();
         stats.profile.count(raster, "pairs_in", counts.offered);
         stats.profile.count(raster, "rasterised_nodes", counts.drawn);

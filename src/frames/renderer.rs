@@ -389,8 +389,8 @@ impl Renderer {
         };
         let mut recorder = Recorder::new(&self.context)?;
         recorder.pass("clear output", |device, commands| {
-            // SAFETY: the buffer is live and was made as a copy target.
             for output in [Some(&region.output), region.lobe_output.as_ref()].into_iter().flatten() {
+                // SAFETY: the buffer is live and was made as a copy target.
                 unsafe { device.cmd_fill_buffer(commands, output.handle, 0, vk::WHOLE_SIZE, 0) };
             }
         });

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use glam::{Vec3, vec3};
-use relume::frames::Settings;
+use relume::frames::{Settings, Technique};
 use relume::gpu::{Context, ContextOptions};
 use relume::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
 use relume::scene::{Cloud, Material, Object, Primitive, Vertex};
@@ -115,5 +115,12 @@ pub fn ball(radius: f32) -> Object {
 
 /// Small and quick.
 pub fn settings() -> Settings {
-    Settings { width: 48, height: 40, microbuffer: 16, memory_budget: 256 << 20, ..Settings::default() }
+    Settings {
+        technique: Technique::Hybrid,
+        width: 48,
+        height: 40,
+        microbuffer: 16,
+        memory_budget: 256 << 20,
+        ..Settings::default()
+    }
 }
