@@ -277,3 +277,113 @@ pub(super) fn pixel_place(slot: u32, tiles_x: u32) -> (u32, u32) {
     let even_bits = |bits: u32| (0..4).map(|i| (bits >> (2 * i) & 1) << i).sum::<u32>();
     (tile % tiles_x * 16 + even_bits(code), tile / tiles_x * 16 + even_bits(code >> 1))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four by two whole tiles of a plane, all covered; the second tile is split.
+    fn map() -> (TileMap, Coverage) {
+        let (pixels, tiles_x) = (8 * 256, 4);
+        let first = Receiver::new(FINEST, 0).slot(pixels);
+        let count = (Receiver::slots(pixels) - first) as usize;
+        let mut map = TileMap {
+            pixels,
+            tiles_x,
+            tiles_y: 2,
+            tiles: vec![None; count],
+            spheres: vec![[0.0; 4]; count],
+            normals: vec![[0.0, 0.0, 1.0, 1.0]; count],
+        };
+        for level in FINEST..=Receiver::TILE_LEVEL {
+            for index in 0..pixels >> (2 * level) {
+                let receiver = Receiver::new(level, index);
+                let (x, y) = pixel_place(receiver.pixels().start, tiles_x);
+                let half = 0.5 * (1_u32 << level) as f32;
+                let at = map.at(receiver);
+                map.spheres[at] = [x as f32 + half, y as f32 + half, 0.0, 1.5 * half];
+            }
+        }
+        for tile in (0..8).map(|index| Receiver::new(Receiver::TILE_LEVEL, index)) {
+            if tile.index() == 1 {
+                for (k, child) in tile.children().into_iter().enumerate() {
+                    map.insert(child, 100 + k as u32, 0.0);
+                }
+            } else {
+                map.insert(tile, tile.index(), 0.0);
+            }
+        }
+        (map, Coverage(vec![[u32::MAX; 8]; 8]))
+    }
+
+    /// Weight of each slot at a place in the block, 0 to 1.
+    fn weights(block: &BlockTiles, x: f32, y: f32) -> Vec<(u32, f32)> {
+        let mut sums: Vec<(u32, f32)> = Vec::new();
+        for k in 0..4 {
+            let weight = block.constant[k] + x * block.along_x[k] + y * block.along_y[k] + x * y * block.along_both[k];
+            match sums.iter_mut().find(|(slot, _)| *slot == block.slots[k]) {
+                Some((_, sum)) => *sum += weight,
+                None => sums.push((block.slots[k], weight)),
+            }
+        }
+        sums.retain(|(_, weight)| weight.abs() > 1e-5);
+        sums.sort_unstable_by_key(|(slot, _)| *slot);
+        sums
+    }
+
+    #[test]
+    fn weights_add_up_to_one_and_meet_between_blocks() {
+        let (map, coverage) = map();
+        let (_, blocks) = map.blocks(&coverage, &TexelPairs::new(34), |_| true);
+        assert_eq!(blocks.len(), 8 * 16);
+        let at = |x: u32, y: u32| {
+            let block = pixel_slot(4 * x, 4 * y, 4) >> 4;
+            blocks.iter().find(|b| b.work[0] == block).expect("every block is covered")
+        };
+        for (x, y) in (0..16 * 8).map(|n| (n % 16, n / 16)) {
+            for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.3, 0.8), (1.0, 1.0)] {
+                let sum: f32 = weights(at(x, y), u, v).iter().map(|(_, weight)| weight).sum();
+                assert!((sum - 1.0).abs() < 1e-5, "{sum} in block {x}, {y}");
+            }
+            // Away from the tile that is split, a block ends as its neighbour begins.
+            if (8..15).contains(&x) {
+                for v in [0.0, 0.5, 1.0] {
+                    let (left, right) = (weights(at(x, y), 1.0, v), weights(at(x + 1, y), 0.0, v));
+                    assert_eq!(left.len(), right.len(), "{left:?} beside {right:?} at {x}, {y}");
+                    for ((a, first), (b, second)) in left.iter().zip(&right) {
+                        assert!(a == b && (first - second).abs() < 1e-5, "{left:?} beside {right:?} at {x}, {y}");
+                    }
+                }
+            }
+        }
+        // In the middle of a tile its own buffer counts alone.
+        assert_eq!(weights(at(9, 1), 1.0, 1.0), [(2, 1.0)]);
+        // The blocks of the split tile are lit by its parts, by then also by its neighbours.
+        assert!(at(5, 1).slots.iter().all(|slot| (100..104).contains(slot)), "{:?}", at(5, 1));
+        assert!(at(4, 1).slots.contains(&0), "{:?}", at(4, 1));
+    }
+
+    #[test]
+    fn lists_hold_what_is_above_the_horizon() {
+        let pairs = TexelPairs::new(34);
+        let (mut narrow, mut all) = (Vec::new(), Vec::new());
+        pairs.append_facing([0.0, 1.0, 0.0, 1.0], &mut narrow);
+        pairs.append_facing([0.0, 1.0, 0.0, -1.0], &mut all);
+        assert_eq!(all, (0..34 * 34 / 2).collect::<Vec<u16>>());
+        // A half and a rim of about a pair.
+        assert!((310..400).contains(&narrow.len()), "{}", narrow.len());
+        for (k, direction) in pairs.directions.iter().enumerate() {
+            assert!(direction.y < 0.0 || narrow.contains(&(k as u16)));
+        }
+    }
+
+    #[test]
+    fn a_cone_around_cones_contains_them() {
+        let cones = [[0.0, 0.0, 1.0, 0.9], [0.6, 0.0, 0.8, 0.95], [0.0, 0.6, 0.8, 1.0]];
+        let [x, y, z, cosine] = cone_around(&cones);
+        for cone in cones {
+            let between = Vec3::new(x, y, z).dot(Vec3::new(cone[0], cone[1], cone[2])).acos();
+            assert!(between + cone[3].acos() <= cosine.acos());
+        }
+    }
+}

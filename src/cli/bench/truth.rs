@@ -25,6 +25,12 @@ pub(in crate::cli) struct Args {
     /// Sizes 16 and 24, diffuse and one metal, whole view
     #[arg(long)]
     quick: bool,
+    /// This material alone: diffuse, ggx_a0.25, ggx_a1, ggx_a0.5 or ggx_a0.0625
+    #[arg(long, value_name = "NAME", value_parser = MATERIALS.map(|(name, _)| name))]
+    material: Option<String>,
+    /// This view alone: whole or closeup
+    #[arg(long, value_name = "NAME", value_parser = VIEWS)]
+    view: Option<String>,
     /// Side of the image that is timed, pixels; errors are those at the references' own size
     #[arg(long, value_name = "PIXELS", default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=2048))]
     viewport: u32,
@@ -113,6 +119,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
         true => (&[16, 24], &MATERIALS[..2], &VIEWS[..1]),
         false => (&[8, 16, 24, 32, 48, 64], &MATERIALS[..], &VIEWS[..]),
     };
+    let only = |wanted: &Option<String>, name: &str| wanted.as_ref().is_none_or(|wanted| wanted == name);
+    let materials: Vec<_> = materials.iter().copied().filter(|(name, _)| only(&args.material, name)).collect();
+    let views: Vec<_> = views.iter().copied().filter(|name| only(&args.view, name)).collect();
     let mut report = Report {
         device: scene.context.capabilities.name.clone(),
         viewport: args.viewport,
@@ -134,8 +143,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     )?;
     let total = views.len() * materials.len() * ways.len() * sizes.len();
     let bar = progress::bar("against the truth", total as u64);
-    for &view in views {
-        for &(name, material) in materials {
+    for &view in &views {
+        for &(name, material) in &materials {
             let truth = scene.reference(args, view, name, "room")?;
             let environment = compare(&scene.reference(args, view, name, "env")?, &truth)?.relative_rms_luminance;
             report.environment.push(Environment { view, material: name, relative_rms_luminance: environment });
@@ -161,7 +170,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     bar.finish_and_clear();
     if let Some(path) = &args.plot {
-        for (name, _) in materials {
+        for (name, _) in &materials {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             report.plot(name).write(&path.with_file_name(format!("{stem}-{name}.svg")))?;
         }
