@@ -146,7 +146,7 @@ impl Settings {
     /// Default memory budget, bytes.
     pub const DEFAULT_BUDGET: u64 = 512 << 20;
     /// Default parallax of tiles, texels; the whole for diffuse surfaces, less for shinier ones.
-    pub const DEFAULT_PARALLAX: f64 = 0.45;
+    pub const DEFAULT_PARALLAX: f64 = 0.36;
 }
 
 impl Settings {

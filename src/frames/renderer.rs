@@ -543,6 +543,11 @@ fn stop_sin2(settings: &Settings, size: u32) -> f32 {
 }
 
 impl Shot<'_> {
+    /// Size of a pixel a metre away, metres.
+    pub(super) fn pixel_size(&self) -> f32 {
+        2.0 * (0.5 * self.camera.fov_y).tan() / self.renderer.settings.height as f32
+    }
+
     /// Constants of the raster passes and the convolution, for `count` micro-buffers of `size` micro-pixels a side.
     pub(super) fn gather(&self, size: u32, first: u32, count: u32) -> Gather {
         let Shot { renderer, region, camera, coverage_limit } = *self;

@@ -104,7 +104,8 @@ impl Shared {
                         if tile.level() == FINEST {
                             left.push(*tile);
                         } else {
-                            split(coverage, self.limit, &map, *tile, parallax, &mut next);
+                            let extent = |tile| map.extent(tile, shot.camera.from, shot.pixel_size());
+                            split(coverage, self.limit, &extent, *tile, parallax, &mut next);
                         }
                     }
                 }
@@ -180,8 +181,10 @@ impl Shared {
             }
             self.rounds *= 2;
         }
+        let pixel = shot.pixel_size();
         for ((tile, slot), parallax) in batch.iter().zip(slots).zip(parallax.download::<f32>(batch.len())?) {
-            map.insert(*tile, slot, parallax);
+            let share = map.extent(*tile, shot.camera.from, pixel) / map.radius(*tile).max(1e-20);
+            map.insert(*tile, slot, parallax * share);
         }
         Ok(())
     }
@@ -206,11 +209,18 @@ impl Shared {
 }
 
 /// The covered tiles below one with too much parallax that most likely have little enough.
-fn split(coverage: &Coverage, limit: f32, map: &TileMap, tile: Receiver, parallax: f32, next: &mut Vec<Receiver>) {
+fn split(
+    coverage: &Coverage,
+    limit: f32,
+    extent: &dyn Fn(Receiver) -> f32,
+    tile: Receiver,
+    parallax: f32,
+    next: &mut Vec<Receiver>,
+) {
     for child in tile.children().into_iter().filter(|child| coverage.pixels(*child).next().is_some()) {
-        let expected = parallax * map.radius(child) / map.radius(tile).max(1e-20);
+        let expected = parallax * extent(child) / extent(tile).max(1e-20);
         if child.level() > FINEST && expected > 1.2 * limit {
-            split(coverage, limit, map, child, expected, next);
+            split(coverage, limit, extent, child, expected, next);
         } else {
             next.push(child);
         }

@@ -74,6 +74,9 @@ impl TexelPairs {
 /// lie on other surfaces.
 const NEAR: (f32, f32) = (2.5, 5.0);
 
+/// A tile whose positions reach farther than this many times what it looks like from the eye shows two surfaces.
+const GRAZING: f32 = 4.0;
+
 impl TileMap {
     /// Reads a region's receivers, and widens their normals' cones by those of the tiles around, whose pixels they light
     /// too.
@@ -111,6 +114,16 @@ impl TileMap {
 
     pub(super) fn parallax(&self, tile: Receiver) -> Option<f32> {
         self.tiles[self.at(tile)].map(|tile| tile.parallax)
+    }
+
+    /// Radius of a tile's sphere of positions, metres; of the tile as it looks from the eye where it shows a surface at a
+    /// grazing angle, along which tiles blend as well as along others. `pixel` is the size of a pixel a metre away. What
+    /// reaches much farther in depth are two surfaces.
+    pub(super) fn extent(&self, tile: Receiver, eye: Vec3, pixel: f32) -> f32 {
+        let sphere = Vec4::from(self.spheres[self.at(tile)]);
+        let half_diagonal = std::f32::consts::FRAC_1_SQRT_2 * (1_u32 << tile.level()) as f32;
+        let seen = half_diagonal * pixel * sphere.truncate().distance(eye);
+        if sphere.w > GRAZING * seen { sphere.w } else { sphere.w.clamp(0.0, seen) }
     }
 
     /// Radius of a tile's sphere of positions, metres.
