@@ -265,8 +265,8 @@ fn shared_tiles_flicker_no_more_than_pixels_of_their_own() {
         let tiles = flicker(&device, &hierarchy, settings);
         let pixels = flicker(&device, &hierarchy, Settings { technique: Technique::Hybrid, ..settings });
         println!("{material:?}: {tiles}, hybrid {pixels}");
-        // Measured 1.05 to 1.08, and 0.9: most of it is the geometry between pixels, the same in both.
-        assert!(tiles <= 1.15 * pixels, "{material:?}: {tiles} instead of {pixels}");
+        // Measured 1.02, 1.01 and 1.00: most of it is the geometry between pixels, the same in both.
+        assert!(tiles <= 1.1 * pixels, "{material:?}: {tiles} instead of {pixels}");
     }
 }
 
