@@ -136,7 +136,6 @@ void finish(Pixel pixel, uint index) {
     DO(0, 0, 0) DO(1, 1, 0) DO(2, 0, 1) DO(3, 1, 1) DO(4, 2, 0) DO(5, 3, 0) DO(6, 2, 1) DO(7, 3, 1) \
     DO(8, 0, 2) DO(9, 1, 2) DO(10, 0, 3) DO(11, 1, 3) DO(12, 2, 2) DO(13, 3, 2) DO(14, 2, 3) DO(15, 3, 3)
 
-
 // Middles of the columns and rows of a block.
 const float at_0 = 0.125, at_1 = 0.375, at_2 = 0.625, at_3 = 0.875;
 #define ADD(k, i, j) add(pixel_##k, light_row_##j + (at_##i - centre.x) * light_x - near * pixel_##k.offset, \

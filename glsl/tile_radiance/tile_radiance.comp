@@ -54,11 +54,11 @@ vec3 texel_radiance(int at, vec2 corner, out vec2 middle, out float nearness) {
     if (max(coverage.x, coverage.y) > gather.coverage_limit) overflowed = 1u;
     vec3 front_mean = vec3(front.rgb) / max(1e-9, gather.color_scale * coverage.x);
     vec3 back_mean = vec3(back.rgb) / max(1e-9, gather.color_scale * coverage.y);
-    uvec4 sums_ = texelFetch(middles, at);
+    uvec4 weighted = texelFetch(middles, at);
     vec2 bright = vec2(brightness(vec3(front.rgb)), brightness(vec3(back.rgb)));
-    if (bright.x > 0.0) middle = clamp(vec2(sums_.xy) / bright.x, vec2(0.0), vec2(1.0));
-    if (bright.x > 0.0) nearness = min(1.0, float(sums_.z) / bright.x);
-    else if (bright.y > 0.0) nearness = min(1.0, float(sums_.w) / bright.y);
+    if (bright.x > 0.0) middle = clamp(vec2(weighted.xy) / bright.x, vec2(0.0), vec2(1.0));
+    if (bright.x > 0.0) nearness = min(1.0, float(weighted.z) / bright.x);
+    else if (bright.y > 0.0) nearness = min(1.0, float(weighted.w) / bright.y);
     float opaque = coverage.y > 0.0 ? min(1.0, coverage.x / OPAQUE) : 1.0;
     return (opaque == 1.0 ? kept_light(front_mean, coverage.x) : opaque * front_mean) + back_mean * (1.0 - opaque);
 }
@@ -73,8 +73,8 @@ void main() {
     vec2 sum = vec2(0.0); // luminance, and its parallax
     for (uint k = lane; k < PAIRS; k += 64u) {
         uvec4 texels = uvec4(0u);
-        for (uint half_ = 0u; half_ < 2u; ++half_) {
-            uint texel = 2u * k + half_;
+        for (uint second = 0u; second < 2u; ++second) {
+            uint texel = 2u * k + second;
             int at = int(entry * 2u * PAIRS + texel);
             vec2 corner = vec2(texel % SIZE, texel / SIZE);
             vec2 middle;
@@ -85,7 +85,7 @@ void main() {
             float parallax = min(4.0, reach / depth);
             sum += weight * vec2(1.0, parallax);
             uvec2 packed_texel = pack_texel(radiance * gather.radiance_scale, middle, depth < 1e30 ? nearness / depth : 0.0);
-            if (half_ == 0u) texels.xy = packed_texel;
+            if (second == 0u) texels.xy = packed_texel;
             else texels.zw = packed_texel;
         }
         imageStore(tile_texels, int(first + k), texels);

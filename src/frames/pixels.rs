@@ -10,6 +10,8 @@ use crate::Result;
 use crate::gpu::{Bindings, Buffer, Context, Recorder};
 use crate::passes::convolve::ConvolvePass;
 use crate::passes::rasterise::{MicroBuffers, RasterCounts, RasterInfo, RasterPass};
+use crate::passes::tile_radiance::radiance_scale;
+use crate::passes::{Gather, sin2_of_share};
 use crate::scene::Camera;
 
 /// Chunks of one submission: enough to hide its cost, few enough for progress to move.
@@ -34,6 +36,46 @@ pub(super) struct Shot<'a> {
     pub(super) region: &'a Region,
     pub(super) camera: &'a Camera,
     pub(super) coverage_limit: f32,
+}
+
+impl Shot<'_> {
+    /// Size of a pixel a metre away, metres.
+    pub(super) fn pixel_size(&self) -> f32 {
+        2.0 * (0.5 * self.camera.fov_y).tan() / self.renderer.settings.height as f32
+    }
+
+    /// Constants of the raster passes and the convolution, for `count` micro-buffers of `size` micro-pixels a side.
+    pub(super) fn gather(&self, size: u32, first: u32, count: u32) -> Gather {
+        let Shot { renderer, region, camera, coverage_limit } = *self;
+        // Not so dark that the scale would be infinite: black clouds.
+        let brightest = f64::from(renderer.hierarchy.brightest.max(1e-20));
+        Gather {
+            pixels: region.receivers.pixels,
+            first_entry: first,
+            entry_count: count,
+            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest radiance, and one to spare.
+            color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
+            eye: camera.from.into(),
+            coverage_limit,
+            width: region.rect.width,
+            height: region.rect.height,
+            tiles_x: region.receivers.tiles_x,
+            material_parameter: renderer.settings.material.parameter(),
+            far_field_height: renderer.far_field.height,
+            stop_sin2: stop_sin2(&renderer.settings, size),
+            last_round: 0,
+            typical: renderer.hierarchy.typical.max(1e-20),
+            sharp_alpha: renderer.settings.sharp_alpha(),
+            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest)),
+            store_columns: renderer.pixels.micro_buffers.columns(),
+        }
+    }
+}
+
+/// Squared sine of the half angle of a cone as large as the nodes that stop, for micro-buffers of `size` micro-pixels a
+/// side.
+pub(super) fn stop_sin2(settings: &Settings, size: u32) -> f32 {
+    sin2_of_share(settings.stop / f64::from(size * size))
 }
 
 impl PixelPasses {

@@ -47,13 +47,6 @@ pub(super) struct TilePlan {
 }
 
 impl Plan {
-    /// Nodes in all lists of a region.
-    pub(super) fn nodes(&self) -> u32 {
-        self.pairs.max(self.tiles.map_or(0, |tiles| tiles.nodes))
-    }
-}
-
-impl Plan {
     /// Divides what the budget leaves beside the scene; `bytes_per_pair` is what one pair of capacity costs.
     pub(super) fn new(
         context: &Context,
@@ -125,5 +118,10 @@ impl Plan {
             lobe_pixels: lobe_pixels as u32,
             tiles,
         })
+    }
+
+    /// Nodes in all lists of a region.
+    pub(super) fn nodes(&self) -> u32 {
+        self.pairs.max(self.tiles.map_or(0, |tiles| tiles.nodes))
     }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::batch::Coverage;
 use super::feedback::Feedback;
-use super::pixels::{PixelPasses, Shot};
+use super::pixels::{PixelPasses, Shot, stop_sin2};
 use super::plan::Plan;
 use super::shared::Shared;
 use super::tile_map::pixel_place;
@@ -21,16 +21,15 @@ use crate::passes::convolve::{ConvolvePass, GpuFarField};
 use crate::passes::gbuffer::{GBuffer, GBufferPass, Rect, View};
 use crate::passes::rasterise::RasterInfo;
 use crate::passes::receivers::{ReceiverPass, Receivers};
-use crate::passes::tile_radiance::radiance_scale;
 use crate::passes::trace::TracePass;
-use crate::passes::{CutRules, Gather, GpuHierarchy, Receiver, Traversal, sin2_of_share};
+use crate::passes::{CutRules, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, FarField, Object};
 use crate::{Error, Result};
 
 /// The images and buffers of one image region.
 pub(super) struct Region {
-    rect: Rect,
+    pub(super) rect: Rect,
     /// The part of it that is lit; what lies around it only helps to light it.
     core: Rect,
     gbuffer: GBuffer,
@@ -533,46 +532,6 @@ impl Renderer {
             frame.albedo[at] = albedo[i].map(half::f16::to_f32);
         }
         Ok(())
-    }
-}
-
-/// Squared sine of the half angle of a cone as large as the nodes that stop, for micro-buffers of `size` micro-pixels a
-/// side.
-fn stop_sin2(settings: &Settings, size: u32) -> f32 {
-    sin2_of_share(settings.stop / f64::from(size * size))
-}
-
-impl Shot<'_> {
-    /// Size of a pixel a metre away, metres.
-    pub(super) fn pixel_size(&self) -> f32 {
-        2.0 * (0.5 * self.camera.fov_y).tan() / self.renderer.settings.height as f32
-    }
-
-    /// Constants of the raster passes and the convolution, for `count` micro-buffers of `size` micro-pixels a side.
-    pub(super) fn gather(&self, size: u32, first: u32, count: u32) -> Gather {
-        let Shot { renderer, region, camera, coverage_limit } = *self;
-        // Not so dark that the scale would be infinite: black clouds.
-        let brightest = f64::from(renderer.hierarchy.brightest.max(1e-20));
-        Gather {
-            pixels: region.receivers.pixels,
-            first_entry: first,
-            entry_count: count,
-            // Sums of 32 bits hold `coverage_limit` micro-pixels of the brightest radiance, and one to spare.
-            color_scale: (4_294_967_296.0 / (f64::from(coverage_limit + 1.0) * brightest)) as f32,
-            eye: camera.from.into(),
-            coverage_limit,
-            width: region.rect.width,
-            height: region.rect.height,
-            tiles_x: region.receivers.tiles_x,
-            material_parameter: renderer.settings.material.parameter(),
-            far_field_height: renderer.far_field.height,
-            stop_sin2: stop_sin2(&renderer.settings, size),
-            last_round: 0,
-            typical: renderer.hierarchy.typical.max(1e-20),
-            sharp_alpha: renderer.settings.sharp_alpha(),
-            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest)),
-            store_columns: renderer.pixels.micro_buffers.columns(),
-        }
     }
 }
 
