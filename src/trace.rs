@@ -189,7 +189,7 @@ impl State {
             };
             json!({
                 "ph": "X", "name": event.name, "cat": category, "pid": process, "tid": thread,
-                "ts": micro(event.begin), "dur": micro(event.end.unwrap_or(now) - event.begin), "args": counts,
+                "ts": micro(event.begin), "dur": micro(event.end.unwrap_or(now).saturating_sub(event.begin)), "args": counts,
             })
         }));
         list

@@ -249,6 +249,7 @@ fn a_trace_that_cannot_be_written_is_refused_before_anything_is_read() {
     let folder = TempDir::new().expect("a folder");
     refused(render(folder.path()).args(["--trace", "no/trace.json"]), "there is no folder no");
     refused(render(folder.path()).args(["--trace", "trace.txt"]), ".json");
+    refused(render(folder.path()).args(["--trace", "a.json", "--stats", "a.json"]), "the same file");
     assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }
 

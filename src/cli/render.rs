@@ -196,6 +196,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     if let Some(trace) = &args.trace {
         values::check_output(trace, &["json"])?;
+        if args.stats.as_ref() == Some(trace) {
+            return Err(Error::Argument("--stats and --trace name the same file".into()));
+        }
     }
     let mut capture = args.capture.then(Capture::attach).transpose()?;
     let trace = if args.trace.is_some() { Trace::new() } else { Trace::default() };
