@@ -1,5 +1,7 @@
-//! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler.
+//! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler, captures.
 
+pub mod capture;
+mod clock;
 pub mod context;
 pub mod memory;
 pub mod pipeline;
@@ -8,6 +10,7 @@ pub mod reflect;
 pub mod shaders;
 pub mod uses;
 
+pub use capture::Capture;
 pub use context::{Capabilities, Context, ContextOptions};
 pub use memory::{Buffer, Image};
 pub use pipeline::{Bindings, ComputePipeline, Constant};
