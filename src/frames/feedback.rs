@@ -155,6 +155,11 @@ impl Feedback {
         }
         let name = self.traverse.name;
         stats.visited_pairs += traversed.pairs_in + u64::from(counted.visited);
+        let iterations = stats.pairs_by_iteration.len().max(traversed.by_iteration.len());
+        stats.pairs_by_iteration.resize(iterations, 0);
+        for (sum, pairs) in stats.pairs_by_iteration.iter_mut().zip(&traversed.by_iteration) {
+            *sum += pairs;
+        }
         stats.profile.count(name, "pairs_in", traversed.pairs_in);
         stats.profile.count(name, "pairs_out", traversed.pairs_done);
         if self.refinement.is_some() {

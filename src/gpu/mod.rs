@@ -1,10 +1,13 @@
 //! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler.
 
+#[cfg(feature = "hot-reload")]
+pub mod compile;
 pub mod context;
 pub mod memory;
 pub mod pipeline;
 pub mod recorder;
 pub mod reflect;
+pub mod reload;
 pub mod shaders;
 pub mod uses;
 
