@@ -123,16 +123,6 @@ impl GpuScene {
         let far_field = Arc::new(GpuFarField::new(context, far_field)?);
         Ok(Self { hierarchy, far_field, paper, bytes: context.bytes_now() - before })
     }
-
-    /// The same hierarchy with another far field.
-    ///
-    /// # Errors
-    /// [`Error::Limit`] where it does not fit the device.
-    pub fn with_far_field(&self, context: &Arc<Context>, far_field: Option<&FarField>) -> Result<Self> {
-        let before = context.bytes_now();
-        let far_field = Arc::new(GpuFarField::new(context, far_field)?);
-        Ok(Self { far_field, bytes: self.bytes + context.bytes_now() - before, ..self.clone() })
-    }
 }
 
 /// Buffers of narrow lobes.

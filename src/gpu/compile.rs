@@ -23,7 +23,7 @@ fn kind_of(file: &Path) -> Option<ShaderKind> {
 ///
 /// # Errors
 /// What the compiler says, with file and line.
-pub fn compile(root: &Path, file: &Path) -> Option<Result<Vec<u8>, String>> {
+pub(crate) fn compile(root: &Path, file: &Path) -> Option<Result<Vec<u8>, String>> {
     kind_of(file).map(|kind| compile_kind(root, file, kind))
 }
 

@@ -119,7 +119,7 @@ pub struct Controller {
     last_click: Option<(Instant, [f32; 2])>,
     moved: Option<Instant>,
     sent: Option<Request>,
-    /// When moving pictures came.
+    /// When moving pictures came to the screen.
     rate: VecDeque<Instant>,
     ticked: Instant,
     /// Screenshots that were written.
@@ -158,6 +158,13 @@ impl Controller {
             ticked: Instant::now(),
             saved: Vec::new(),
             failed: None,
+        }
+    }
+
+    /// The picture has come to the screen.
+    pub fn shown(&mut self) {
+        if self.picture.as_ref().is_some_and(|picture| picture.stage == Stage::Moving) {
+            self.rate.push_back(Instant::now());
         }
     }
 
@@ -231,6 +238,7 @@ impl Controller {
     /// # Errors
     /// [`Error::File`] for other files, and for a scene that cannot be read.
     pub fn open(&mut self, path: &Path) -> Result<()> {
+        self.failed = None;
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let kind = match extension.as_str() {
             "ply" if has_faces(path) => Part::Object,
@@ -262,7 +270,6 @@ impl Controller {
             }
             Part::Environment => self.state.environment = Some(path.to_owned()),
         }
-        self.failed = None;
         Ok(())
     }
 
@@ -288,9 +295,6 @@ impl Controller {
                 self.failed = self.sent.as_ref().map(|request| request.number);
             }
             Message::Picture(picture) => {
-                if picture.stage == Stage::Moving {
-                    self.rate.push_back(Instant::now());
-                }
                 self.picture = Some(*picture);
             }
             Message::Status(line) => self.status = line,

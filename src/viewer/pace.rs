@@ -5,22 +5,30 @@ const DIVISORS: [u32; 6] = [1, 2, 3, 4, 6, 8];
 /// A moving picture may take so long, milliseconds: 15 a second, and some time for the window.
 const BUDGET_MS: f64 = 50.0;
 /// A finer picture must be expected to take less than this part of it.
-const HEADROOM: f64 = 0.8;
+const HEADROOM: f64 = 0.85;
 /// So many pictures in a row must have left time for a finer one.
-const PATIENCE: u32 = 4;
+const PATIENCE: u32 = 6;
+/// Part of a mean that one picture makes up.
+const WEIGHT: f64 = 0.3;
+/// Part of a picture's time that goes with its pixels, where nothing better is known.
+const BY_PIXELS: f64 = 0.6;
+/// What a level took is believed this much less with each picture of another level.
+const FORGETTING: f64 = 0.995;
 
 /// The controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     level: usize,
-    /// Pictures in a row that would have had time to be finer.
+    /// Mean milliseconds of each level's pictures; 0 where there were none.
+    means: [f64; DIVISORS.len()],
+    /// Pictures in a row that left time for finer ones.
     calm: u32,
 }
 
 impl Default for Pace {
     /// Half the resolution at first.
     fn default() -> Self {
-        Self { level: 1, calm: 0 }
+        Self { level: 1, means: [0.0; DIVISORS.len()], calm: 0 }
     }
 }
 
@@ -37,20 +45,45 @@ impl Pace {
 
     /// Hears how long a moving picture took, milliseconds.
     pub fn observe(&mut self, ms: f64) {
-        if ms > BUDGET_MS {
+        for (level, mean) in self.means.iter_mut().enumerate().filter(|(level, _)| *level != self.level) {
+            // Times of finer levels shrink until they are tried again.
+            *mean *= if level < self.level { FORGETTING } else { 1.0 };
+        }
+        let mean = &mut self.means[self.level];
+        *mean = if *mean == 0.0 { ms } else { *mean + WEIGHT * (ms - *mean) };
+        let mean = *mean;
+        let last = DIVISORS.len() - 1;
+        if mean > BUDGET_MS && ms > BUDGET_MS && self.level < last {
             self.calm = 0;
-            // Straight to where it should fit, if time went with the pixels.
-            let fits = |level: &usize| ms / self.ratio(*level) <= BUDGET_MS;
-            let last = DIVISORS.len() - 1;
-            let start = (self.level + 1).min(last);
-            self.level = (start..=last).find(fits).unwrap_or(last).min(start + 1);
-        } else if self.level > 0 && ms / self.ratio(self.level - 1) < HEADROOM * BUDGET_MS {
+            // Two levels at once where one would not do.
+            let next = self.level + 1;
+            let coarser = if self.expected(next) > BUDGET_MS { (next + 1).min(last) } else { next };
+            self.change(coarser);
+        } else if self.level > 0 && self.expected(self.level - 1) < HEADROOM * BUDGET_MS {
             self.calm += 1;
             if self.calm >= PATIENCE {
-                (self.level, self.calm) = (self.level - 1, 0);
+                self.change(self.level - 1);
             }
         } else {
             self.calm = 0;
+        }
+    }
+
+    fn change(&mut self, level: usize) {
+        // What was measured here long ago starts afresh, what was expected is kept.
+        self.means[level] = self.expected(level);
+        (self.level, self.calm) = (level, 0);
+    }
+
+    /// Milliseconds that a picture of another level would take.
+    fn expected(&self, level: usize) -> f64 {
+        let now = self.means[self.level];
+        let guess = now * (1.0 - BY_PIXELS + BY_PIXELS / self.ratio(level));
+        // A finer one takes no less than this one.
+        match self.means[level] {
+            0.0 => guess,
+            known if level < self.level => known.max(now),
+            known => known.min(guess),
         }
     }
 
@@ -81,6 +114,7 @@ mod tests {
         assert_eq!(settles(5.0, 10.0), (1, 0));
         assert_eq!(settles(5.0, 120.0), (2, 0));
         assert_eq!(settles(10.0, 300.0), (3, 0));
+        assert_eq!(settles(30.0, 60.0), (2, 0), "most of the time does not go with the pixels");
         assert_eq!(settles(500.0, 1e5).0, 8, "no coarser than there is");
     }
 

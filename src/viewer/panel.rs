@@ -16,7 +16,7 @@ const BARS: usize = 10;
 pub(super) fn show(ui: &mut Ui, controller: &mut Controller) {
     egui::Panel::right("panel").exact_size(WIDTH).show(ui, |ui| {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            ui.spacing_mut().slider_width = 110.0;
+            ui.spacing_mut().slider_width = 100.0;
             rendering(ui, controller);
             object(ui, controller);
             display(ui, controller);

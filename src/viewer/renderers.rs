@@ -13,6 +13,11 @@ use crate::gpu::Context;
 use crate::scene::{Camera, Object, Placement, Vertex};
 use crate::{Error, Result};
 
+/// Micro-pixels along a side in pictures of things that move.
+const QUICK_MICROBUFFER: u32 = 12;
+/// Parallax of their tiles, texels: hardly any is split.
+const QUICK_PARALLAX: f64 = 2.0;
+
 /// What a view needs on the device.
 pub(super) struct Renderers {
     context: Arc<Context>,
@@ -126,7 +131,13 @@ fn settings(state: &ViewState, stage: Stage, feedback: bool) -> Settings {
         };
     }
     let technique = if feedback { Technique::Shared } else { Technique::Classic };
-    Settings { technique, material: state.material, ..Quality::Draft.settings() }
+    Settings {
+        technique,
+        material: state.material,
+        microbuffer: QUICK_MICROBUFFER,
+        parallax: QUICK_PARALLAX,
+        ..Quality::Draft.settings()
+    }
 }
 
 /// Whether a renderer does for other settings, of whatever size; it takes a material that it can.
@@ -154,7 +165,7 @@ mod tests {
             ..ViewState::default()
         };
         let moving = settings(&state, Stage::Moving, true);
-        assert_eq!((moving.technique, moving.microbuffer, moving.sharp), (Technique::Shared, 16, false));
+        assert_eq!((moving.technique, moving.microbuffer, moving.sharp), (Technique::Shared, QUICK_MICROBUFFER, false));
         let finished = settings(&state, Stage::Finished, true);
         assert_eq!((finished.technique, finished.microbuffer), (Technique::Classic, 64));
         assert_eq!(settings(&state, Stage::Draft, false).technique, Technique::Classic);

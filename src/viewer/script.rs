@@ -54,6 +54,8 @@ enum Command {
     ExpectStatus(String),
     /// `rate`: prints how many moving pictures a second there were lately.
     Rate,
+    /// `passes`: prints the milliseconds of the picture's passes.
+    Passes,
     /// `lose window` and `lose renderer`: as if that device had been lost.
     Lose { window: bool },
     /// `quit`
@@ -212,6 +214,7 @@ impl Script {
             Command::ExpectStatus(text) => {
                 return Err(format!("the status is {:?}, without {text:?}", controller.status));
             }
+            Command::Passes => acts.push(Act::Say(passes(controller))),
             Command::Rate => acts.push(Act::Say(rate(controller))),
             Command::Lose { window: true } => acts.push(Act::LoseWindow),
             Command::Lose { window: false } => acts.push(Act::LoseRenderer),
@@ -225,6 +228,13 @@ fn rate(controller: &Controller) -> String {
     let picture = controller.picture.as_ref();
     let (width, height, ms) = picture.map_or((0, 0, 0.0), |p| (p.width, p.height, p.ms));
     format!("{:.1} pictures a second, the last of {width}x{height} in {ms:.1} ms", controller.rate())
+}
+
+fn passes(controller: &Controller) -> String {
+    let Some(picture) = &controller.picture else { return "no picture".into() };
+    let profile = &picture.stats.profile;
+    let parts = profile.passes.iter().map(|(name, pass)| format!("{name} {:.2} ({})", pass.gpu_ms, pass.runs));
+    format!("passes: {:.2} ms in all; {}", profile.total_ms(), parts.collect::<Vec<_>>().join(", "))
 }
 
 /// A fingerprint of the picture.
@@ -290,6 +300,7 @@ fn parse(line: &str) -> Option<Command> {
         ("expect-same", []) => Command::Expect { changed: false },
         ("expect-status", _) => Command::ExpectStatus(text()?),
         ("rate", []) => Command::Rate,
+        ("passes", []) => Command::Passes,
         ("lose", ["window"]) => Command::Lose { window: true },
         ("lose", ["renderer"]) => Command::Lose { window: false },
         ("quit", []) => Command::Quit,

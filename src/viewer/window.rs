@@ -172,7 +172,7 @@ impl App {
             return Ok(());
         }
         let input = view.egui.take_egui_input(&view.window);
-        view.update_texture(&self.egui, &self.controller);
+        let news = view.update_texture(&self.egui, &self.controller);
         let scale = egui_winit::pixels_per_point(&self.egui, &view.window);
         let open = self.panel.unwrap_or(size.width as f32 / scale >= ROOM_FOR_PANEL);
         let (controller, texture) = (&mut self.controller, view.texture.as_ref());
@@ -202,6 +202,9 @@ impl App {
             Ok(Shown::Yes) => {
                 self.shown += 1;
                 self.losses = 0;
+                if news {
+                    self.controller.shown();
+                }
                 Ok(())
             }
             Ok(Shown::No) => {
@@ -318,17 +321,17 @@ impl App {
 }
 
 impl View {
-    /// Gives the newest picture to the texture.
-    fn update_texture(&mut self, egui: &egui::Context, controller: &Controller) {
-        let Some(picture) = &controller.picture else { return };
+    /// Gives the newest picture to the texture; false where it has it.
+    fn update_texture(&mut self, egui: &egui::Context, controller: &Controller) -> bool {
+        let Some(picture) = &controller.picture else { return false };
         let size = [picture.width, picture.height];
         let now = Some((picture.number, size, picture.stage, picture.ms));
         if self.textured == now {
-            return;
+            return false;
         }
         let side = egui.input(|input| input.max_texture_side);
         if size.iter().any(|length| *length as usize > side) {
-            return;
+            return false;
         }
         let known = self.textured.is_some_and(|(_, known, ..)| known == size);
         self.textured = now;
@@ -340,6 +343,7 @@ impl View {
             Some(texture) => texture.set(image, options),
             None => self.texture = Some(egui.load_texture("picture", image, options)),
         }
+        true
     }
 }
 
