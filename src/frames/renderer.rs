@@ -228,7 +228,7 @@ impl Renderer {
     }
 
     /// Changes the image's size, pixels; it may not grow beyond what the renderer was made for, unless that was
-    /// [`Renderer::LARGEST_REGION`] or more along both sides.
+    /// [`Renderer::LARGEST_REGION`] or more along both sides. What it was made for also says how many tiles there are.
     ///
     /// # Errors
     /// [`Error::Argument`] for a size of zero, [`Error::Limit`] for one that is too large.

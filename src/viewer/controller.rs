@@ -125,6 +125,8 @@ pub struct Controller {
     /// Screenshots that were written.
     pub saved: Vec<PathBuf>,
     failed: Option<u64>,
+    /// The state before a file was opened that is not loaded yet.
+    undo: Option<ViewState>,
 }
 
 impl Controller {
@@ -158,6 +160,7 @@ impl Controller {
             ticked: Instant::now(),
             saved: Vec::new(),
             failed: None,
+            undo: None,
         }
     }
 
@@ -246,7 +249,8 @@ impl Controller {
             "gltf" | "glb" | "obj" => Part::Object,
             "exr" | "hdr" => Part::Environment,
             "toml" => {
-                self.state = ViewState::read(path)?;
+                let state = ViewState::read(path)?;
+                self.undo = Some(std::mem::replace(&mut self.state, state));
                 self.scene_path = path.to_owned();
                 self.status = format!("{} is open", path.display());
                 return Ok(());
@@ -258,6 +262,7 @@ impl Controller {
                 ));
             }
         };
+        self.undo = Some(self.state.clone());
         match kind {
             Part::Cloud => {
                 self.state.cloud = Some(path.to_owned());
@@ -288,6 +293,7 @@ impl Controller {
             Message::LoadFailed(part, problem) => {
                 self.status = problem;
                 match part {
+                    _ if self.undo.is_some() => self.state = self.undo.take().unwrap_or_default(),
                     Part::Cloud => (self.state.cloud, self.state.up) = (self.loaded.cloud.clone(), self.loaded.up),
                     Part::Object => self.state.object.clone_from(&self.loaded.object),
                     Part::Environment => self.state.environment.clone_from(&self.loaded.environment),
@@ -295,6 +301,7 @@ impl Controller {
                 self.failed = self.sent.as_ref().map(|request| request.number);
             }
             Message::Picture(picture) => {
+                self.undo = None;
                 self.picture = Some(*picture);
             }
             Message::Status(line) => self.status = line,
@@ -319,6 +326,7 @@ impl Controller {
     fn take(&mut self, loaded: Loaded) {
         (self.origin, self.hierarchy, self.object_bounds) = (loaded.origin, loaded.hierarchy, loaded.object_bounds);
         self.loaded = loaded.state;
+        self.undo = None;
         let Some((low, high)) = self.object_bounds else { return };
         if let (None, Some(hierarchy)) = (self.state.placement.at, &self.hierarchy) {
             let mut at = self.origin;

@@ -15,7 +15,11 @@ pub struct Hit {
     pub distance: f32,
 }
 
-/// The nearest leaf whose sphere the ray meets, as a disc through its middle across its normal; `direction` is unit.
+/// Rays that leave a surface through its back, as those from outside of a room do, have at least this cosine with its
+/// normal.
+const BEHIND: f32 = 0.1;
+
+/// The nearest leaf, seen from its front, whose sphere the ray meets, as a disc through its middle across its normal; `direction` is unit.
 pub fn surface(hierarchy: &Hierarchy, origin: Vec3, direction: Vec3) -> Option<Hit> {
     let mut best: Option<Hit> = None;
     let mut node = 0;
@@ -34,6 +38,10 @@ pub fn surface(hierarchy: &Hierarchy, origin: Vec3, direction: Vec3) -> Option<H
         if hierarchy.is_leaf(node) {
             let normal = Vec3::from(hierarchy.area_vectors[node]).normalize_or_zero();
             let slope = direction.dot(normal);
+            if slope > BEHIND {
+                node += 1;
+                continue;
+            }
             // Seen edge-on, a disc is met far away from its middle.
             let distance = if slope.abs() > 0.2 { (centre - origin).dot(normal) / slope } else { along }
                 .clamp(along - radius, along + radius);
@@ -77,6 +85,8 @@ mod tests {
             let normal = if target.y == 0.0 { Vec3::Y } else { Vec3::Z };
             assert!(hit.normal.dot(normal) > 0.9, "{hit:?}");
         }
+        let below = surface(&hierarchy, Vec3::new(0.1, -2.0, 0.0), Vec3::Y);
+        assert_eq!(below, None, "from behind, a floor hides nothing");
         assert_eq!(surface(&hierarchy, eye, Vec3::Y), None, "there is no ceiling");
         assert_eq!(surface(&hierarchy, eye, Vec3::Z), None, "nor anything behind");
     }
