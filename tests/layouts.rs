@@ -7,6 +7,7 @@ use relume::gpu::reflect::{Member, Reflection};
 use relume::gpu::shaders;
 use relume::passes::bin::Counts;
 use relume::passes::gbuffer::Draw;
+use relume::passes::points::PointView;
 use relume::passes::rasterise::RasterCounts;
 use relume::passes::traverse::PAIR_BYTES;
 use relume::passes::{Gather, ImageRegion, Traversal};
@@ -36,7 +37,7 @@ macro_rules! members {
     }};
 }
 
-fn push_constants() -> [Struct; 4] {
+fn push_constants() -> [Struct; 5] {
     [
         members!(Traversal {
             pixels as "pixels",
@@ -76,6 +77,26 @@ fn push_constants() -> [Struct; 4] {
             sharp_alpha as "sharp_alpha",
             textures as "textures",
         }),
+        members!(PointView {
+            eye as "eye",
+            focal as "focal",
+            right as "right",
+            near as "near",
+            down as "down",
+            spacing as "spacing",
+            forward as "forward",
+            exposure as "exposure",
+            width as "width",
+            height as "height",
+            level as "level",
+            level_width as "level_width",
+            level_height as "level_height",
+            source as "source",
+            target as "target",
+            first as "first",
+            count as "count",
+            display as "display",
+        }),
     ]
 }
 
@@ -106,7 +127,7 @@ fn reflections() -> Vec<(&'static str, Reflection)> {
 #[test]
 fn push_constants_lie_alike_on_both_sides() {
     let structs = push_constants();
-    let mut seen = [0; 4];
+    let mut seen = [0; 5];
     for (shader, reflection) in reflections() {
         let block = &reflection.push_constants;
         if block.is_empty() {

@@ -13,9 +13,10 @@ use crate::formats::image::{ExrGroup, ExrLayers};
 use crate::formats::{bsh, cloud, color, image, object, whole};
 use crate::frames::{Frame, MaterialChoice, Paper, Quality, Renderer, Settings, Technique};
 use crate::gpu::recorder::PassProfile;
-use crate::gpu::{Context, ContextOptions};
+use crate::gpu::{Capture, Context, ContextOptions};
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
 use crate::scene::{Camera, Cloud, Object, Placement};
+use crate::trace::Trace;
 use crate::{Error, Result};
 
 /// Up axis of a file.
@@ -125,6 +126,12 @@ pub(super) struct Args {
     /// Times and counts
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
+    /// Time line of the CPU and the GPU, for Perfetto and chrome://tracing
+    #[arg(long, value_name = "FILE.json")]
+    trace: Option<PathBuf>,
+    /// Capture the frame for RenderDoc, which relume must have been started under (tools/capture does)
+    #[arg(long)]
+    capture: bool,
 }
 
 /// Contents of `--stats`.
@@ -160,15 +167,18 @@ struct Stats<'a> {
     passes: &'a std::collections::BTreeMap<&'static str, PassProfile>,
 }
 
-/// Seconds of named steps.
-#[derive(Default)]
-struct Clock(Vec<(&'static str, f64)>);
+/// Seconds of named steps, which are spans of the trace.
+struct Clock {
+    steps: Vec<(&'static str, f64)>,
+    trace: Trace,
+}
 
 impl Clock {
     fn time<T>(&mut self, step: &'static str, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let start = Instant::now();
+        let _span = self.trace.span(step);
         let result = work();
-        self.0.push((step, start.elapsed().as_secs_f64()));
+        self.steps.push((step, start.elapsed().as_secs_f64()));
         result
     }
 }
@@ -187,13 +197,22 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(stats) = &args.stats {
         values::check_output(stats, &["json"])?;
     }
-    let mut clock = Clock::default();
+    if let Some(trace) = &args.trace {
+        values::check_output(trace, &["json"])?;
+        if args.stats.as_ref() == Some(trace) {
+            return Err(Error::Argument("--stats and --trace name the same file".into()));
+        }
+    }
+    let mut capture = args.capture.then(Capture::attach).transpose()?;
+    let trace = if args.trace.is_some() { Trace::new() } else { Trace::default() };
+    let mut clock = Clock { steps: Vec::new(), trace: trace.clone() };
     let bar = progress::spinner("reading");
     let object = clock.time("object", || object::load(&args.object))?;
     let far_field =
         args.environment.as_ref().map(|path| clock.time("far field", || image::read_far_field(path))).transpose()?;
     let context = clock.time("device", || {
-        Context::new(&ContextOptions { device: args.device.clone(), validation: args.validation })
+        let options = ContextOptions { device: args.device.clone(), validation: args.validation };
+        Context::traced(&options, trace.clone())
     })?;
     let technique = pick_technique(args, &context);
 
@@ -223,10 +242,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
     })?;
     bar.finish_and_clear();
     let bar = progress::bar("lighting", 1);
-    let frame = renderer.render(&camera, &mut |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-    })?;
+    let mut light = || {
+        renderer.render(&camera, &mut |done, total| {
+            bar.set_length(total);
+            bar.set_position(done);
+        })
+    };
+    let (frame, captured) = match &mut capture {
+        None => (light()?, None),
+        Some(capture) => capture.frame(light).map(|(frame, file)| (frame, Some(file)))?,
+    };
     bar.finish_and_clear();
     if frame.stats.covered_pixels == 0 {
         tracing::warn!("the camera does not see the object");
@@ -236,7 +261,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Error::Device(format!("{} validation messages, the first: {first}", messages.len())));
     }
 
+    let span = trace.span("writing");
     write_frame(&args.out, &frame, &camera, args.exposure as f32)?;
+    drop(span);
     if let Some(path) = &args.stats {
         let stats = &frame.stats;
         let report = Stats {
@@ -266,10 +293,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
             device_bytes_peak: stats.device_bytes_peak,
             frame_wall_ms: stats.wall_ms,
             total_wall_s: start.elapsed().as_secs_f64(),
-            loading_s: &clock.0,
+            loading_s: &clock.steps,
             passes: &stats.profile.passes,
         };
         write_json(path, &report)?;
+    }
+    if let Some(path) = &args.trace {
+        trace.write(path)?;
+    }
+    if let Some(file) = captured {
+        say!("capture: {}", file.display())?;
     }
     say!(
         "{}: {} pixels lit by {} in {:.0} ms on {}",

@@ -153,19 +153,20 @@ impl Feedback {
             let most = u64::from(cut).max(traversed.pairs_done).max(traversed.peak_pairs) as f64;
             self.pairs_per_tile = most / receivers.len() as f64 + 1.0;
         }
-        let name = self.traverse.name;
         stats.visited_pairs += traversed.pairs_in + u64::from(counted.visited);
         let iterations = stats.pairs_by_iteration.len().max(traversed.by_iteration.len());
         stats.pairs_by_iteration.resize(iterations, 0);
         for (sum, pairs) in stats.pairs_by_iteration.iter_mut().zip(&traversed.by_iteration) {
             *sum += pairs;
         }
-        stats.profile.count(name, "pairs_in", traversed.pairs_in);
-        stats.profile.count(name, "pairs_out", traversed.pairs_done);
+        let mut count = |pass, counts: &[_]| self.context.count(&mut stats.profile, pass, counts);
+        count(self.traverse.name, &[("pairs_in", traversed.pairs_in), ("pairs_out", traversed.pairs_done)]);
         if self.refinement.is_some() {
-            stats.profile.count("refine", "pairs_in", u64::from(counted.handed));
-            stats.profile.count("refine", "visited_pairs", u64::from(counted.visited));
-            stats.profile.count("refine", "pairs_out", u64::from(counted.cut));
+            let [handed, visited, cut] = [counted.handed, counted.visited, counted.cut].map(u64::from);
+            count("refine", &[("pairs_in", handed), ("visited_pairs", visited), ("pairs_out", cut)]);
+        }
+        if self.lists.is_none() {
+            count("bin", &[("pairs_in", u64::from(counted.cut))]);
         }
         stats.peak_feedback_bytes =
             stats.peak_feedback_bytes.max((2 * traversed.peak_pairs + traversed.pairs_done) * PAIR_BYTES);

@@ -5,6 +5,7 @@ mod batch;
 mod feedback;
 mod pixels;
 mod plan;
+pub mod points;
 mod renderer;
 mod shared;
 mod tile_map;

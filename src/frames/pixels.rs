@@ -138,7 +138,7 @@ impl PixelPasses {
             self.convolve.record(&mut recorder, &convolve_set, constants)?;
         }
         recorder.finish(&mut stats.profile)?;
-        self.counts_since(before)
+        self.counts_since(before, &self.raster)
     }
 
     /// What the raster passes bind for a batch, beside nodes and receivers.
@@ -166,10 +166,14 @@ impl PixelPasses {
         Ok(self.counts.download(1)?[0])
     }
 
-    /// Whether a submission that started with the given counts finished all it had; otherwise they are put back.
-    pub(super) fn counts_since(&self, before: RasterCounts) -> Result<bool> {
-        let done = self.counts()?.unfinished == before.unfinished;
-        if !done {
+    /// Whether a submission of `raster` that started with the given counts finished all it had; otherwise they are put
+    /// back.
+    pub(super) fn counts_since(&self, before: RasterCounts, raster: &RasterPass) -> Result<bool> {
+        let after = self.counts()?;
+        let done = after.unfinished == before.unfinished;
+        if done {
+            self.context.trace.count(raster.counting_pass(), &raster.named(after.since(before)));
+        } else {
             self.counts.upload(bytemuck::bytes_of(&before))?;
         }
         Ok(done)
@@ -181,11 +185,8 @@ impl PixelPasses {
         if counts == RasterCounts::default() {
             return Ok(());
         }
-        let raster = self.raster.counting_pass();
-        stats.profile.count(raster, "pairs_in", counts.offered);
-        stats.profile.count(raster, "rasterised_nodes", counts.drawn);
-        if self.info.walk {
-            stats.profile.count(raster, "visited_nodes", counts.visited);
+        for (what, amount) in self.raster.named(counts) {
+            stats.profile.count(self.raster.counting_pass(), what, amount);
         }
         stats.rasterised_nodes += counts.drawn;
         stats.visited_pairs += counts.visited;

@@ -353,6 +353,7 @@ impl Renderer {
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<Frame> {
         let start = Instant::now();
+        let _span = self.context.trace.span("frame");
         let Settings { width, height, .. } = self.settings;
         let count = width as usize * height as usize;
         let mut frame = Frame {
@@ -372,6 +373,7 @@ impl Renderer {
         }
         for rect in self.regions(camera) {
             let started = Instant::now();
+            let _span = self.context.trace.span("region");
             let region = self.prepare_region(camera, rect, &mut stats)?;
             let coverage = Coverage(region.receivers.read_coverage()?);
             let tiles: Vec<Receiver> = coverage.tiles().into_iter().filter(|tile| region.is_core(*tile)).collect();
@@ -397,9 +399,11 @@ impl Renderer {
                 Ok(())
             })?;
             if let Some(lobes) = &self.lobes {
+                let span = self.context.trace.span("lobes");
                 let batch = self.lobe_batch(&region, &coverage, &tiles)?;
                 let shot = Shot { renderer: self, region: &region, camera, coverage_limit };
                 stats.lobes += batch.pixels.len() as u64;
+                span.count("pixels", batch.pixels.len() as u64);
                 lobes.shade(shot, &batch, &mut stats, &mut |_| {})?;
             }
             wall += started.elapsed();
@@ -548,7 +552,10 @@ impl Renderer {
                     batch
                 }
             };
+            let span = self.context.trace.span("batch");
             let batch = self.batch(coverage, receivers)?;
+            span.count("receivers", batch.receivers.len() as u64);
+            span.count("pixels", batch.pixels.len() as u64);
             let outcome = match &mut self.traverser {
                 None => Outcome::Done,
                 Some(traverser) => traverser.cut(&self.hierarchy, region, &batch.receivers, constants, stats)?,
@@ -628,6 +635,7 @@ impl Renderer {
 
     /// Reads a finished region into the frame.
     fn collect(&self, region: &Region, frame: &mut Frame) -> Result<()> {
+        let _span = self.context.trace.span("readback");
         let pixels = region.rect.width as usize * region.rect.height as usize;
         let mut output: Vec<[f32; 4]> = region.output.download(pixels)?;
         if let Some(lobes) = &region.lobe_output {

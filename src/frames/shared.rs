@@ -138,6 +138,8 @@ impl Shared {
             capacity: 0,
             list_capacity: 0,
         };
+        let span = self.context.trace.span("batch");
+        span.count("tiles", batch.len() as u64);
         let outcome = self.feedback.cut(&renderer.hierarchy, region, batch, constants, stats)?;
         if let Outcome::Overflowed = outcome {
             stats.splits += 1;
@@ -177,7 +179,7 @@ impl Shared {
             // Their radiance.
             self.radiance.record(&mut recorder, &radiance_set, gather)?;
             recorder.finish(&mut stats.profile)?;
-            if renderer.pixels.counts_since(before)? {
+            if renderer.pixels.counts_since(before, &self.raster)? {
                 break;
             }
             self.rounds *= 2;

@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
+use super::clock::GpuClock;
 use super::pipeline::{ComputePipeline, Constant};
+use crate::trace::Trace;
 use crate::{Error, Result};
 
 /// How to pick a device.
@@ -97,8 +99,10 @@ pub struct Context {
     pub(crate) queue: vk::Queue,
     pub(crate) queue_family: u32,
     pub(crate) feedback: Option<ext::transform_feedback::Device>,
-    pub(crate) timestamp_period: f32,
-    pub(crate) timestamp_mask: u64,
+    pub(crate) clock: GpuClock,
+    /// Where passes and spans go; off unless the context was opened with one.
+    pub trace: Trace,
+    submissions: AtomicU64,
     dynamic_rendering: Option<khr::dynamic_rendering::Device>,
     debug_device: Option<ext::debug_utils::Device>,
     debug_messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -304,12 +308,23 @@ impl Context {
     /// # Errors
     /// When there is no loader, no device of that name, or the device lacks what relume needs; the message names it.
     pub fn new(options: &ContextOptions) -> Result<Arc<Self>> {
+        Self::traced(options, Trace::default())
+    }
+
+    /// Opens a device whose passes go to `trace`.
+    ///
+    /// # Errors
+    /// As [`Context::new`].
+    pub fn traced(options: &ContextOptions, trace: Trace) -> Result<Arc<Self>> {
         let start = start(options.validation, &[])?;
         let validation = Arc::new(ValidationLog::default());
         let debug_messenger =
             (options.validation && start.debug_utils).then(|| messenger(&start, &validation)).transpose()?;
         let opened = ranked(&start.instance).and_then(|list| pick(list, options.device.as_deref())).and_then(
-            |(physical, capabilities)| open(&start.instance, physical, &capabilities).map(|d| (d, capabilities)),
+            |(physical, capabilities)| {
+                let calibrated = trace.is_on() && reads_clock(&start, physical);
+                open(&start.instance, physical, &capabilities, calibrated).map(|d| (d, capabilities))
+            },
         );
         let (opened, capabilities) = match opened {
             Ok(opened) => opened,
@@ -324,7 +339,7 @@ impl Context {
                 return Err(error);
             }
         };
-        let Opened { device, queue_family, physical } = opened;
+        let Opened { device, queue_family, physical, calibrated } = opened;
         // SAFETY: the queue was asked for at device creation.
         let queue = unsafe { device.get_device_queue(queue_family, 0) };
         let allocator = Allocator::new(&AllocatorCreateDesc {
@@ -344,13 +359,20 @@ impl Context {
             )
         };
         let bits = families[queue_family as usize].timestamp_valid_bits;
+        let calibrated = calibrated.then(|| ext::calibrated_timestamps::Device::new(&start.instance, &device));
+        let clock = GpuClock::new(limits.timestamp_period, bits, calibrated);
+        trace.set_device(&capabilities.name);
+        trace.note("device", capabilities.name.as_str());
+        trace.note("driver", capabilities.driver.as_str());
+        trace.note("gpu_clock", clock.how());
         let core_rendering = capabilities.api_version >= vk::API_VERSION_1_3;
         Ok(Arc::new(Self {
             feedback: capabilities.feedback().then(|| ext::transform_feedback::Device::new(&start.instance, &device)),
             dynamic_rendering: (!core_rendering).then(|| khr::dynamic_rendering::Device::new(&start.instance, &device)),
             debug_device: start.debug_utils.then(|| ext::debug_utils::Device::new(&start.instance, &device)),
-            timestamp_period: limits.timestamp_period,
-            timestamp_mask: if bits >= 64 { u64::MAX } else { (1 << bits) - 1 },
+            clock,
+            trace,
+            submissions: AtomicU64::new(0),
             capabilities,
             validation,
             device,
@@ -380,6 +402,11 @@ impl Context {
     /// Most bytes of device objects alive at once so far.
     pub fn bytes_peak(&self) -> u64 {
         self.bytes_peak.load(Ordering::Relaxed)
+    }
+
+    /// The number of a submission, from 1.
+    pub(crate) fn next_submission(&self) -> u64 {
+        self.submissions.fetch_add(1, Ordering::Relaxed) + 1
     }
 
     pub(crate) fn count_bytes(&self, bytes: u64) {
@@ -491,9 +518,27 @@ struct Opened {
     device: ash::Device,
     queue_family: u32,
     physical: vk::PhysicalDevice,
+    /// The device's clock can be read.
+    calibrated: bool,
 }
 
-fn open(instance: &ash::Instance, physical: vk::PhysicalDevice, capabilities: &Capabilities) -> Result<Opened> {
+/// Whether a device's clock can be read without a submission.
+fn reads_clock(start: &Start, physical: vk::PhysicalDevice) -> bool {
+    if !has_extension(&device_extensions(&start.instance, physical), ext::calibrated_timestamps::NAME) {
+        return false;
+    }
+    let loader = ext::calibrated_timestamps::Instance::new(&start.entry, &start.instance);
+    // SAFETY: a plain query on a live instance; the device has the extension.
+    let domains = unsafe { loader.get_physical_device_calibrateable_time_domains(physical) };
+    domains.is_ok_and(|domains| domains.contains(&vk::TimeDomainEXT::DEVICE))
+}
+
+fn open(
+    instance: &ash::Instance,
+    physical: vk::PhysicalDevice,
+    capabilities: &Capabilities,
+    calibrated: bool,
+) -> Result<Opened> {
     let queue_family = graphics_family(instance, physical)
         .ok_or_else(|| Error::Device(format!("{} has no graphics queue", capabilities.name)))?;
     let mut names = Vec::new();
@@ -502,6 +547,9 @@ fn open(instance: &ash::Instance, physical: vk::PhysicalDevice, capabilities: &C
     }
     if capabilities.api_version < vk::API_VERSION_1_3 {
         names.push(khr::dynamic_rendering::NAME.as_ptr());
+    }
+    if calibrated {
+        names.push(ext::calibrated_timestamps::NAME.as_ptr());
     }
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
     let features = vk::PhysicalDeviceFeatures::default().shader_int64(true).geometry_shader(capabilities.feedback());
@@ -520,7 +568,7 @@ fn open(instance: &ash::Instance, physical: vk::PhysicalDevice, capabilities: &C
     }
     // SAFETY: everything asked for was found to be supported, and the create info outlives the call.
     let device = unsafe { instance.create_device(physical, &create, None) }.map_err(vulkan("vkCreateDevice"))?;
-    Ok(Opened { device, queue_family, physical })
+    Ok(Opened { device, queue_family, physical, calibrated })
 }
 
 impl Drop for Context {

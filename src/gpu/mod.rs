@@ -1,5 +1,7 @@
-//! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler.
+//! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler, captures.
 
+pub mod capture;
+mod clock;
 #[cfg(feature = "hot-reload")]
 pub mod compile;
 pub mod context;
@@ -11,6 +13,7 @@ pub mod reload;
 pub mod shaders;
 pub mod uses;
 
+pub use capture::Capture;
 pub use context::{Capabilities, Context, ContextOptions};
 pub use memory::{Buffer, Image};
 pub use pipeline::{Bindings, ComputePipeline, Constant};

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::context::{Context, vulkan};
 use super::uses::Use;
-use crate::Result;
+use crate::{Error, Result};
 
 /// Time and counts of every pass, summed over submissions.
 #[derive(Clone, Debug, Default)]
@@ -53,8 +53,18 @@ impl Profile {
     }
 }
 
-/// Passes of one submission; more are recorded without timestamps.
-const MAX_PASSES: u32 = 1024;
+/// Passes whose timestamps one query pool holds; a submission has as many pools as it needs.
+const PASSES_PER_POOL: usize = 128;
+
+/// Label of uploads and downloads, which are no pass of a frame.
+const TRANSFER: &str = "transfer";
+
+/// A pass that was recorded.
+struct RecordedPass {
+    name: &'static str,
+    /// Counts that are known before it runs.
+    counts: Vec<(&'static str, u64)>,
+}
 
 /// Records one submission.
 pub struct Recorder {
@@ -62,8 +72,11 @@ pub struct Recorder {
     pool: vk::CommandPool,
     /// The command buffer, for passes.
     pub(crate) commands: vk::CommandBuffer,
-    timestamps: vk::QueryPool,
-    passes: Vec<&'static str>,
+    /// A begin and an end for each of [`PASSES_PER_POOL`] passes.
+    timestamps: Vec<vk::QueryPool>,
+    passes: Vec<RecordedPass>,
+    /// Why the last passes have no timestamps.
+    failed: Option<Error>,
 }
 
 impl Recorder {
@@ -83,8 +96,9 @@ impl Recorder {
                 context: context.clone(),
                 pool,
                 commands: vk::CommandBuffer::null(),
-                timestamps: vk::QueryPool::null(),
+                timestamps: Vec::new(),
                 passes: Vec::new(),
+                failed: None,
             };
             let allocate = vk::CommandBufferAllocateInfo::default()
                 .command_pool(pool)
@@ -94,11 +108,6 @@ impl Recorder {
                 device.allocate_command_buffers(&allocate).map_err(vulkan("vkAllocateCommandBuffers"))?[0];
             let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
             device.begin_command_buffer(recorder.commands, &begin).map_err(vulkan("vkBeginCommandBuffer"))?;
-            // A begin and an end a pass.
-            let create =
-                vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * MAX_PASSES);
-            recorder.timestamps = device.create_query_pool(&create, None).map_err(vulkan("vkCreateQueryPool"))?;
-            device.cmd_reset_query_pool(recorder.commands, recorder.timestamps, 0, 2 * MAX_PASSES);
             Ok(recorder)
         }
     }
@@ -110,27 +119,53 @@ impl Recorder {
 
     /// Records a pass: label, timestamps, and what `record` adds.
     pub fn pass<T>(&mut self, name: &'static str, record: impl FnOnce(&ash::Device, vk::CommandBuffer) -> T) -> T {
+        let (pool, query) = self.queries(self.passes.len());
+        if self.context.clock.exists() && self.failed.is_none() && pool == self.timestamps.len() {
+            self.failed = self.add_pool().err();
+        }
+        self.passes.push(RecordedPass { name, counts: Vec::new() });
         let device = &self.context.device;
-        let first = 2 * self.passes.len() as u32;
-        let timed = first + 1 < 2 * MAX_PASSES;
         self.context.begin_label(self.commands, name);
-        let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
         let stamp = |query| {
-            if timed {
-                // SAFETY: the command buffer is recording and the queries were reset at its start.
-                unsafe { device.cmd_write_timestamp(self.commands, stage, self.timestamps, query) };
+            if let Some(pool) = self.timestamps.get(pool) {
+                let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
+                // SAFETY: the command buffer is recording and the queries were reset when the pool was added.
+                unsafe { device.cmd_write_timestamp(self.commands, stage, *pool, query) };
                 self.settle();
             }
         };
-        stamp(first);
+        stamp(query);
         let result = record(device, self.commands);
         self.settle();
-        stamp(first + 1);
-        if timed {
-            self.passes.push(name);
-        }
+        stamp(query + 1);
         self.context.end_label(self.commands);
         result
+    }
+
+    /// Adds a count that is known before the last pass runs; [`Context::count`] adds those that are known only after.
+    pub fn count(&mut self, what: &'static str, amount: u64) {
+        if let Some(pass) = self.passes.last_mut() {
+            pass.counts.push((what, amount));
+        }
+    }
+
+    /// A pass's query pool, and its first query there.
+    fn queries(&self, pass: usize) -> (usize, u32) {
+        (pass / PASSES_PER_POOL, 2 * (pass % PASSES_PER_POOL) as u32)
+    }
+
+    /// Makes room for the timestamps of more passes.
+    fn add_pool(&mut self) -> Result<()> {
+        let device = &self.context.device;
+        let count = 2 * PASSES_PER_POOL as u32;
+        let create = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
+        // SAFETY: a plain creation, destroyed in `drop`; the command buffer is recording outside a rendering instance.
+        unsafe {
+            let pool = device.create_query_pool(&create, None).map_err(vulkan("vkCreateQueryPool"))?;
+            self.timestamps.push(pool);
+            device.cmd_reset_query_pool(self.commands, pool, 0, count);
+        }
+        Ok(())
     }
 
     /// Software devices take a timestamp when their queue next drains, which may be passes later: a full barrier drains
@@ -154,35 +189,64 @@ impl Recorder {
         barrier(&self.context.device, self.commands, before, after);
     }
 
-    /// Submits, waits, and adds the times to `profile`.
+    /// Submits, waits, and adds times and counts to `profile` and to the context's trace.
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn finish(self, profile: &mut Profile) -> Result<()> {
-        submit_and_wait(&self.context, self.commands)?;
-        if self.passes.is_empty() {
-            return Ok(());
+    pub fn finish(mut self, profile: &mut Profile) -> Result<()> {
+        if let Some(error) = self.failed.take() {
+            return Err(error);
         }
-        let mut times = vec![0_u64; 2 * self.passes.len()];
-        // SAFETY: every query asked for was written in the submission that was waited for.
-        unsafe {
-            self.context
-                .device
-                .get_query_pool_results(
-                    self.timestamps,
-                    0,
-                    &mut times,
-                    vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT,
-                )
-                .map_err(vulkan("vkGetQueryPoolResults"))?;
-        }
-        for (name, stamps) in self.passes.iter().zip(times.chunks_exact(2)) {
-            let ticks = stamps[1].wrapping_sub(stamps[0]) & self.context.timestamp_mask;
+        let context = &self.context;
+        let trace = &context.trace;
+        let submission = context.next_submission();
+        let span = trace.span("submission");
+        span.count("submission", submission);
+        let submitted = trace.now();
+        submit_and_wait(context, self.commands)?;
+        let window = submitted..trace.now();
+        drop(span);
+        let stamps = self.read_timestamps()?;
+        for (at, RecordedPass { name, counts }) in self.passes.iter().enumerate() {
             let pass = profile.passes.entry(name).or_default();
-            pass.gpu_ms += ticks as f64 * f64::from(self.context.timestamp_period) * 1e-6;
             pass.runs += 1;
+            if let Some([begin, end]) = stamps.get(at) {
+                pass.gpu_ms += context.clock.nanoseconds(*begin, *end).max(0.0) * 1e-6;
+            }
+            for (what, amount) in counts {
+                profile.count(name, what, *amount);
+            }
+        }
+        if trace.is_on() {
+            let places = context.clock.place(&stamps, window, context.clock.read(trace));
+            for (RecordedPass { name, counts }, place) in self.passes.iter().zip(places) {
+                trace.pass(submission, name, place, counts);
+            }
         }
         Ok(())
+    }
+
+    /// Begin and end of every pass, after the submission is done; none on a device without timestamps.
+    fn read_timestamps(&self) -> Result<Vec<[u64; 2]>> {
+        let mut stamps = vec![[0_u64; 2]; if self.timestamps.is_empty() { 0 } else { self.passes.len() }];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        for (pool, part) in self.timestamps.iter().zip(stamps.chunks_mut(PASSES_PER_POOL)) {
+            let flat: &mut [u64] = part.as_flattened_mut();
+            // SAFETY: every query asked for was written in the submission that was waited for.
+            unsafe { self.context.device.get_query_pool_results(*pool, 0, flat, flags) }
+                .map_err(vulkan("vkGetQueryPoolResults"))?;
+        }
+        Ok(stamps)
+    }
+}
+
+impl Context {
+    /// Adds counts that are known only after a pass's submission to `profile` and to the trace.
+    pub(crate) fn count(&self, profile: &mut Profile, pass: &'static str, counts: &[(&'static str, u64)]) {
+        for (what, amount) in counts {
+            profile.count(pass, what, *amount);
+        }
+        self.trace.count(pass, counts);
     }
 }
 
@@ -190,7 +254,9 @@ impl Drop for Recorder {
     fn drop(&mut self) {
         // SAFETY: a submission was waited for; null handles are ignored.
         unsafe {
-            self.context.device.destroy_query_pool(self.timestamps, None);
+            for pool in &self.timestamps {
+                self.context.device.destroy_query_pool(*pool, None);
+            }
             self.context.device.destroy_command_pool(self.pool, None);
         }
     }
@@ -239,24 +305,17 @@ fn submit_and_wait(context: &Context, commands: vk::CommandBuffer) -> Result<()>
 
 /// Records, submits and waits for commands that are no pass: uploads and downloads.
 pub(crate) fn run_once(context: &Arc<Context>, record: impl FnOnce(&ash::Device, vk::CommandBuffer)) -> Result<()> {
-    let recorder = Recorder::new(context)?;
-    let everything = vk::PipelineStageFlags::ALL_COMMANDS;
-    let memory = vk::MemoryBarrier::default()
-        .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
-        .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE);
-    // SAFETY: the command buffer is recording.
-    unsafe {
-        context.device.cmd_pipeline_barrier(
-            recorder.commands,
-            everything,
-            everything,
-            vk::DependencyFlags::empty(),
-            &[memory],
-            &[],
-            &[],
-        );
-    }
-    record(&context.device, recorder.commands);
-    barrier(&context.device, recorder.commands, &[Use::CopyTarget], &[Use::HostRead, Use::ComputeWrite]);
+    let mut recorder = Recorder::new(context)?;
+    recorder.pass(TRANSFER, |device, commands| {
+        let everything = vk::PipelineStageFlags::ALL_COMMANDS;
+        let memory = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE);
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: the command buffer is recording.
+        unsafe { device.cmd_pipeline_barrier(commands, everything, everything, none, &[memory], &[], &[]) };
+        record(device, commands);
+        barrier(device, commands, &[Use::CopyTarget], &[Use::HostRead, Use::ComputeWrite]);
+    });
     recorder.finish(&mut Profile::default())
 }

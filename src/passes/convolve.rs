@@ -286,6 +286,7 @@ impl ConvolvePass {
     pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
         let pixels = constants.entry_count;
         recorder.pass(self.name, |_, commands| self.pipeline.dispatch(commands, set, &constants, pixels))?;
+        recorder.count("pixels", u64::from(pixels));
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
         Ok(())
     }

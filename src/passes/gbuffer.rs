@@ -168,6 +168,8 @@ impl GBufferPass {
                 image.transition(device, commands, Use::ColorTarget, Use::SampledRead);
             }
         });
+        let indices = self.object.draws.iter().map(|(range, _, _)| u64::from(range.end - range.start));
+        recorder.count("triangles", indices.sum::<u64>() / 3);
     }
 
     fn draw(

@@ -3,6 +3,8 @@
 pub mod bin;
 pub mod convolve;
 pub mod gbuffer;
+pub mod point_operators;
+pub mod points;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;

@@ -214,9 +214,24 @@ pub struct RasterCounts {
     pub visited: u64,
 }
 
+impl RasterCounts {
+    /// What was counted after `before`.
+    pub fn since(self, before: Self) -> Self {
+        Self {
+            unfinished: self.unfinished.wrapping_sub(before.unfinished),
+            reserved: 0,
+            offered: self.offered.wrapping_sub(before.offered),
+            drawn: self.drawn.wrapping_sub(before.drawn),
+            visited: self.visited.wrapping_sub(before.visited),
+        }
+    }
+}
+
 /// The passes: `visibility` and `coverage`, or `splat` for one node a micro-pixel as in the paper.
 pub struct RasterPass {
     steps: Vec<(&'static str, ComputePipeline)>,
+    /// Pixels walk the hierarchy themselves.
+    walk: bool,
 }
 
 impl RasterPass {
@@ -238,12 +253,21 @@ impl RasterPass {
                 (coverage, ComputePipeline::new(context, "coverage/coverage.comp", &constants)?),
             ]
         };
-        Ok(Self { steps })
+        Ok(Self { steps, walk: info.walk })
     }
 
     /// Name of the pass that counts.
     pub fn counting_pass(&self) -> &'static str {
         self.steps[0].0
+    }
+
+    /// Those counts that the passes have, by name.
+    pub fn named(&self, counts: RasterCounts) -> Vec<(&'static str, u64)> {
+        let mut named = vec![("pairs_in", counts.offered), ("rasterised_nodes", counts.drawn)];
+        if self.walk {
+            named.push(("visited_nodes", counts.visited));
+        }
+        named
     }
 
     /// Descriptor sets for the pass's pipelines.

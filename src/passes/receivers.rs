@@ -101,6 +101,7 @@ impl ReceiverPass {
         };
         recorder
             .pass("receivers", |_, commands| self.pipeline.dispatch(commands, &set, &region, receivers.pixels / 4))?;
+        recorder.count("pixels", u64::from(receivers.pixels));
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeRead, Use::FeedbackTurn, Use::CopySource]);
         Ok(set)
     }

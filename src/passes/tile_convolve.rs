@@ -143,6 +143,7 @@ impl TileConvolvePass {
     pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
         let blocks = constants.entry_count;
         recorder.pass("tile convolve", |_, c| self.pipeline.dispatch(c, set, &constants, blocks))?;
+        recorder.count("blocks", u64::from(blocks));
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
         Ok(())
     }

@@ -87,6 +87,7 @@ impl TileRadiancePass {
     pub fn record(&self, recorder: &mut Recorder, set: &DescriptorSet, constants: Gather) -> Result<()> {
         let invocations = constants.entry_count * self.pipeline.workgroup;
         recorder.pass("tile radiance", |_, c| self.pipeline.dispatch(c, set, &constants, invocations))?;
+        recorder.count("tiles", u64::from(constants.entry_count));
         recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
         Ok(())
     }

@@ -6,4 +6,5 @@ pub mod hierarchy;
 pub mod neighbours;
 pub mod normals;
 pub mod panorama_room;
+pub mod point_chunks;
 pub mod spacing;

@@ -11,6 +11,7 @@ mod emitters;
 pub mod gather;
 pub mod patches;
 pub mod path_tracer;
+pub mod points;
 pub mod rooms;
 pub(crate) mod sampling;
 pub mod shapes;

@@ -2,6 +2,7 @@
 
 mod microbuffers;
 mod pbgi;
+mod points;
 mod tables;
 mod truth;
 
@@ -15,6 +16,8 @@ pub(super) enum Verb {
     Microbuffers(microbuffers::Args),
     /// Error against time for every technique and size, by images of an independent path tracer
     Truth(truth::Args),
+    /// Time of the point renderer's passes over the size of the cloud: Bouchiba et al. 2018, Table 1
+    Points(points::Args),
 }
 
 pub(super) fn run(verb: &Verb) -> Result<()> {
@@ -22,5 +25,6 @@ pub(super) fn run(verb: &Verb) -> Result<()> {
         Verb::Pbgi(args) => pbgi::run(args),
         Verb::Microbuffers(args) => microbuffers::run(args),
         Verb::Truth(args) => truth::run(args),
+        Verb::Points(args) => points::run(args),
     }
 }

@@ -3,7 +3,7 @@
 
 mod cone;
 mod linearise;
-mod morton;
+pub(in crate::preprocess) mod morton;
 mod nodes;
 mod propagate;
 mod prune;

@@ -11,14 +11,14 @@ const CELLS: u32 = 1 << BITS;
 
 /// A cubic lattice over the bounding box of a cloud, 2^21 cells along its longest side.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Lattice {
+pub(in crate::preprocess) struct Lattice {
     corner: DVec3,
     cells_per_metre: f64,
 }
 
 impl Lattice {
     /// The lattice over the box from `low` to `high`. A box without extent has one cell.
-    pub(super) fn new(low: Vec3, high: Vec3) -> Self {
+    pub(in crate::preprocess) fn new(low: Vec3, high: Vec3) -> Self {
         // In f64, because the difference of two f32 may overflow or round away a whole cell.
         let extent = (high.as_dvec3() - low.as_dvec3()).max_element();
         let cells_per_metre = if extent > 0.0 { f64::from(CELLS) / extent } else { 0.0 };
@@ -26,7 +26,7 @@ impl Lattice {
     }
 
     /// The Morton code of the cell that holds `position`.
-    pub(super) fn code(&self, position: Vec3) -> u64 {
+    pub(in crate::preprocess) fn code(&self, position: Vec3) -> u64 {
         let cell = (position.as_dvec3() - self.corner) * self.cells_per_metre;
         // The cast to an integer saturates, the far side of the box belongs to the last cell.
         let [x, y, z] = cell.to_array().map(|c| spread((c as u32).min(CELLS - 1)));

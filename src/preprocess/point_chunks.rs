@@ -1,0 +1,160 @@
+//! A cloud in chunks for drawing: points in Morton order, a box around each chunk, and within a chunk an order of which
+//! every beginning is spread over the whole of it, so that a part of a cloud can be drawn as a thinner cloud.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::hierarchy::morton::Lattice;
+use crate::formats::color::pack_rgb9e5;
+use crate::scene::Cloud;
+use crate::{Error, Result};
+
+/// Points of a chunk, all but the last.
+pub const CHUNK: usize = 1 << 16;
+
+/// A point as the device takes it: position as float bits, and colour in RGB9E5.
+pub type PackedPoint = [u32; 4];
+
+/// A run of points and the box that they lie in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chunk {
+    /// Index of its first point.
+    pub first: usize,
+    /// Number of its points.
+    pub count: usize,
+    /// Lower corner, metres.
+    pub low: Vec3,
+    /// Upper corner, metres.
+    pub high: Vec3,
+}
+
+/// All points of a cloud in chunks.
+#[derive(Clone, Debug, Default)]
+pub struct PointChunks {
+    /// Positions and colours.
+    pub points: Vec<PackedPoint>,
+    /// What they are divided into, in Morton order.
+    pub chunks: Vec<Chunk>,
+    /// Typical distance between neighbours, metres: s_0 of Bouchiba et al. 2018.
+    pub spacing: f32,
+}
+
+impl PointChunks {
+    /// Sorts a cloud into chunks; without spacings of its own it gets one that suits its extent.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more points than 32 bits count.
+    pub fn new(cloud: &Cloud) -> Result<Self> {
+        Self::from_points(&cloud.positions, &cloud.colors, &cloud.spacing)
+    }
+
+    /// The same from arrays of the same length; `spacing` may be empty.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more points than 32 bits count.
+    pub fn from_points(positions: &[Vec3], colors: &[Vec3], spacing: &[f32]) -> Result<Self> {
+        let count = positions.len();
+        if u32::try_from(count).is_err() {
+            return Err(Error::Limit(format!("{count} points; at most {} can be drawn", u32::MAX)));
+        }
+        let (low, high) = bounds(positions.iter().copied());
+        let lattice = Lattice::new(low, high);
+        let mut order: Vec<(u64, u32)> =
+            positions.par_iter().enumerate().map(|(i, p)| (lattice.code(*p), i as u32)).collect();
+        order.par_sort_unstable();
+        let sorted: Vec<Vec<PackedPoint>> = order
+            .par_chunks(CHUNK)
+            .map(|chunk| {
+                spread_order(chunk.len())
+                    .map(|k| {
+                        let index = chunk[k].1 as usize;
+                        let [x, y, z] = positions[index].to_array().map(f32::to_bits);
+                        [x, y, z, pack_rgb9e5(colors[index])]
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut first = 0;
+        let mut chunks = Vec::with_capacity(sorted.len());
+        for chunk in &sorted {
+            let (low, high) = bounds(chunk.iter().map(|[x, y, z, _]| Vec3::from([*x, *y, *z].map(f32::from_bits))));
+            chunks.push(Chunk { first, count: chunk.len(), low, high });
+            first += chunk.len();
+        }
+        Ok(Self { points: sorted.concat(), chunks, spacing: typical_spacing(spacing, count, high - low) })
+    }
+}
+
+/// Lower and upper corner; zeros without points.
+fn bounds(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+    points.map(|p| (p, p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or_default()
+}
+
+/// The median; without any, what a closed surface of that extent has.
+fn typical_spacing(spacing: &[f32], count: usize, extent: Vec3) -> f32 {
+    let mut spacing = spacing.to_vec();
+    if spacing.is_empty() {
+        let area = 2.0 * (extent.x * extent.y + extent.y * extent.z + extent.z * extent.x);
+        let mean = (area / count.max(1) as f32).sqrt();
+        return if mean.is_finite() && mean > 0.0 { mean } else { super::spacing::FALLBACK_SPACING };
+    }
+    let middle = spacing.len() / 2;
+    *spacing.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Indices below `count` in the order of their reversed bits (van der Corput 1935).
+fn spread_order(count: usize) -> impl Iterator<Item = usize> {
+    let bits = count.next_power_of_two().trailing_zeros();
+    let reversed = move |k: usize| if bits == 0 { 0 } else { k.reverse_bits() >> (usize::BITS - bits) };
+    (0..count.next_power_of_two()).map(reversed).filter(move |k| *k < count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_index_comes_once_and_every_beginning_is_spread() {
+        for count in [0, 1, 2, 3, 100, 1 << 10] {
+            let mut order: Vec<usize> = spread_order(count).collect();
+            if count >= 100 {
+                let quarter: Vec<usize> = order[..count / 4].iter().map(|k| k * 8 / count).collect();
+                for eighth in 0..8 {
+                    let share = quarter.iter().filter(|e| **e == eighth).count() as f32 / quarter.len() as f32;
+                    assert!((share - 0.125).abs() < 0.05, "{share} of {count} in eighth {eighth}");
+                }
+            }
+            order.sort_unstable();
+            assert_eq!(order, (0..count).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn chunks_hold_all_points_within_their_boxes_whatever_the_order() {
+        let mut positions: Vec<Vec3> =
+            (0..200_000_u32).map(|i| Vec3::new((i % 61) as f32, (i % 97) as f32, (i % 331) as f32)).collect();
+        let colors = vec![Vec3::ONE; positions.len()];
+        let chunks = PointChunks::from_points(&positions, &colors, &[]).expect("few points");
+        assert_eq!(chunks.points.len(), positions.len());
+        assert_eq!(chunks.chunks.iter().map(|c| c.count).sum::<usize>(), positions.len());
+        for chunk in &chunks.chunks {
+            for [x, y, z, _] in &chunks.points[chunk.first..chunk.first + chunk.count] {
+                let p = Vec3::from([*x, *y, *z].map(f32::from_bits));
+                assert!(p.cmpge(chunk.low).all() && p.cmple(chunk.high).all());
+            }
+        }
+        let mean_extent: f32 = chunks.chunks.iter().map(|c| (c.high - c.low).element_product()).sum();
+        assert!(mean_extent < 2.5 * 60.0 * 96.0 * 330.0, "chunks are compact: {mean_extent}");
+        positions.reverse();
+        let again = PointChunks::from_points(&positions, &colors, &[]).expect("few points");
+        assert_eq!(again.chunks, chunks.chunks);
+    }
+
+    #[test]
+    fn no_point_and_one_point_are_clouds() {
+        assert!(PointChunks::from_points(&[], &[], &[]).expect("no points").chunks.is_empty());
+        let one = PointChunks::from_points(&[Vec3::ONE], &[Vec3::ONE], &[]).expect("one point");
+        assert_eq!((one.points.len(), one.chunks.len()), (1, 1));
+        assert!(one.spacing > 0.0);
+    }
+}
