@@ -205,7 +205,8 @@ fn dropped_files_open_and_bad_ones_change_nothing() {
         drop notes.txt\nexpect-status notes.txt\ndrop broken.glb\nwait-status broken.glb\n\
         drop none.ply\nwait-status none.ply\ndrop wrong.toml\nexpect-status clowd\nwait-still\nexpect-same\n\
         drop other.ply\nwait-still\nexpect-changed\nremember\n\
-        drop ball.obj\nwait-still\nexpect-changed\nsave all.toml\nexpect-status saved\nquit\n";
+        drop ball.obj\nwait-still\nexpect-changed\nsave all.toml\nexpect-status saved\n\
+        capture\nwait-status RenderDoc\nquit\n";
     said(&place.command(&display.name, &["--size", "160x120"], script).output().expect("relume runs"));
     let scene = std::fs::read_to_string(place.path("all.toml")).expect("a scene");
     assert!(scene.contains("other.ply") && scene.contains("ball.obj"), "{scene}");

@@ -1,7 +1,7 @@
 //! The scan behind and before the object. This is the one place where the viewer gets its backdrop from.
 
-use super::state::PointDisplay;
 use crate::frames::Frame;
+use crate::frames::points::PointDisplay;
 use crate::scene::Camera;
 
 /// The scan and the object in one picture.
@@ -13,6 +13,6 @@ pub struct Backdrop {
 /// The scan, displayed so, with the lit `frame` in it; `None` where nothing is to be shown, and the ground is plain.
 ///
 /// Compositing has no passes yet: whatever is asked for, there is no backdrop.
-pub fn backdrop(_display: PointDisplay, _frame: &Frame, _camera: &Camera) -> Option<Backdrop> {
+pub fn backdrop(_display: Option<PointDisplay>, _frame: &Frame, _camera: &Camera) -> Option<Backdrop> {
     None
 }

@@ -82,6 +82,8 @@ pub enum Input {
     Reopen,
     /// PNG and EXR of the picture, in the working directory.
     Screenshot,
+    /// A capture for RenderDoc, which the viewer must have been started under.
+    Capture,
 }
 
 /// State of the viewer but for its window.
@@ -200,6 +202,7 @@ impl Controller {
                 let path = self.scene_path.clone();
                 self.tell(|own| own.open(&path));
             }
+            Input::Capture => self.mailbox.command(Command::Capture),
             Input::Screenshot => {
                 let free =
                     |stem: &PathBuf| !stem.with_extension("png").exists() && !stem.with_extension("exr").exists();

@@ -26,6 +26,8 @@ pub struct Request {
 pub enum Command {
     /// Write the still picture as `.png` and `.exr` beside each other; the name has no ending.
     Screenshot(PathBuf),
+    /// Render the still picture again under RenderDoc's eyes.
+    Capture,
     /// Behave as if the device had been lost.
     LoseDevice,
 }
@@ -41,7 +43,7 @@ struct Contents {
 #[derive(Debug, PartialEq)]
 pub(super) enum Job {
     Command(Command),
-    View(Request),
+    View(Box<Request>),
     /// Nothing new.
     Idle,
     Quit,
@@ -92,7 +94,7 @@ impl Mailbox {
                 return Job::Quit;
             }
             if let Some(request) = contents.request.take() {
-                return Job::View(request);
+                return Job::View(Box::new(request));
             }
             if let Some(command) = contents.commands.pop_front() {
                 return Job::Command(command);
@@ -122,7 +124,7 @@ mod tests {
         mailbox.command(Command::LoseDevice);
         mailbox.show(request(2));
         assert!(mailbox.stop().load(Ordering::Relaxed));
-        assert_eq!(mailbox.next(Duration::MAX), Job::View(request(2)));
+        assert_eq!(mailbox.next(Duration::MAX), Job::View(Box::new(request(2))));
         assert_eq!(mailbox.next(Duration::MAX), Job::Command(Command::LoseDevice));
         assert!(!mailbox.stop().load(Ordering::Relaxed));
         mailbox.show(request(3));

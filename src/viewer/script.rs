@@ -42,6 +42,8 @@ enum Command {
     Panel,
     /// `screenshot STEM`: STEM.png and STEM.exr, of the finished picture.
     Screenshot(PathBuf),
+    /// `capture`: for RenderDoc.
+    Capture,
     /// `save FILE.toml`
     Save(PathBuf),
     /// `remember`: keeps the picture that is shown, for `expect-changed` and `expect-same`.
@@ -198,6 +200,7 @@ impl Script {
                 }
                 return Ok(controller.saved.len() > running.saved);
             }
+            Command::Capture => controller.input(Input::Capture),
             Command::Save(path) => {
                 controller.scene_path.clone_from(path);
                 controller.input(Input::Save);
@@ -293,6 +296,7 @@ fn parse(line: &str) -> Option<Command> {
         ("restore", []) => Command::Minimise(false),
         ("panel", []) => Command::Panel,
         ("screenshot", _) => Command::Screenshot(file()?),
+        ("capture", []) => Command::Capture,
         ("save", _) => Command::Save(file()?),
         ("remember", []) => Command::Remember,
         ("wait-change", []) => Command::WaitChange,

@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use crate::formats::cloud::Up;
 use crate::formats::scene_file::{self, CameraTable, DisplayTable, PlacementTable, RenderTable, SceneFile};
+use crate::frames::points::PointDisplay;
 use crate::frames::{MaterialChoice, Quality, Settings, Technique};
 use crate::scene::{Placement, Viewpoint};
 use crate::{Error, Result};
@@ -20,22 +21,6 @@ pub enum ToneCurve {
     Srgb,
     /// A filmic shoulder before it (Narkowicz 2015, after ACES).
     Filmic,
-}
-
-/// How the scan's points are shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PointDisplay {
-    /// A pixel a point.
-    Raw,
-    /// Hidden points removed, holes closed.
-    Filled,
-    /// The surface's normals as colours.
-    Normals,
-    /// Eye-dome lighting.
-    EyeDome,
-    /// Not at all.
-    #[default]
-    None,
 }
 
 /// Enums with a name for each value.
@@ -58,13 +43,14 @@ impl Named for ToneCurve {
     const NAMES: &'static [(Self, &'static str)] = &[(Self::Srgb, "srgb"), (Self::Filmic, "filmic")];
 }
 
-impl Named for PointDisplay {
+impl Named for Option<PointDisplay> {
     const NAMES: &'static [(Self, &'static str)] = &[
-        (Self::None, "none"),
-        (Self::Raw, "raw"),
-        (Self::Filled, "filled"),
-        (Self::Normals, "normals"),
-        (Self::EyeDome, "eye-dome"),
+        (None, "none"),
+        (Some(PointDisplay::Raw), "raw"),
+        (Some(PointDisplay::Filled), "filled"),
+        (Some(PointDisplay::Normals), "normals"),
+        (Some(PointDisplay::Headlight), "headlight"),
+        (Some(PointDisplay::EyeDome), "eye-dome"),
     ];
 }
 
@@ -99,8 +85,8 @@ pub struct ViewState {
     pub exposure: f32,
     /// Tone curve.
     pub tone: ToneCurve,
-    /// Display of points.
-    pub points: PointDisplay,
+    /// Display of the scan's points; they are not shown for `None`.
+    pub points: Option<PointDisplay>,
     /// Size of the picture that a scene file asks for, pixels.
     pub size: Option<[u32; 2]>,
 }
@@ -120,7 +106,7 @@ impl Default for ViewState {
             material: MaterialChoice::File,
             exposure: 0.0,
             tone: ToneCurve::default(),
-            points: PointDisplay::default(),
+            points: None,
             size: None,
         }
     }
@@ -287,7 +273,7 @@ mod tests {
             material: MaterialChoice::Metal(0.1),
             exposure: -1.3,
             tone: ToneCurve::Filmic,
-            points: PointDisplay::EyeDome,
+            points: Some(PointDisplay::EyeDome),
             size: Some([320, 200]),
             up: Up::MinusY,
             ..ViewState::default()

@@ -310,6 +310,7 @@ impl App {
         match code {
             _ if flight.is_some() => flight.into_iter().for_each(|f| self.controller.input(Input::Fly(f, pressed))),
             _ if !pressed || key.repeat => {}
+            KeyCode::F11 => self.controller.input(Input::Capture),
             KeyCode::F12 => self.controller.input(Input::Screenshot),
             KeyCode::KeyS => self.controller.input(Input::Save),
             KeyCode::KeyO if ctrl => self.controller.input(Input::Reopen),

@@ -19,7 +19,7 @@ use crate::formats::image;
 use crate::frames::{Frame, FrameStats, Technique};
 use crate::gpu::context::ValidationLog;
 use crate::gpu::reload::Reload;
-use crate::gpu::{Context, ContextOptions, shaders};
+use crate::gpu::{Capture, Context, ContextOptions, shaders};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::Camera;
 use crate::{Error, Result};
@@ -130,7 +130,9 @@ impl Worker {
             .name("renderer".into())
             .spawn(move || {
                 let send = Box::new(send);
-                let mut thread = Thread { mailbox: theirs, send, options, write_frame, reload, losses: 0 };
+                // It watches devices that are opened later.
+                let capture = Capture::attach();
+                let mut thread = Thread { mailbox: theirs, send, options, write_frame, reload, capture, losses: 0 };
                 if let Err(error) = thread.run() {
                     (thread.send)(Message::Fatal(error));
                 }
@@ -174,6 +176,8 @@ struct Thread {
     options: ContextOptions,
     write_frame: WriteFrame,
     reload: Option<Reload>,
+    /// RenderDoc, if the viewer was started under it.
+    capture: Result<Capture>,
     losses: u32,
 }
 
@@ -187,6 +191,8 @@ struct Work {
     /// The last still frame, and the state and size that it shows.
     last: Option<Still>,
     shots: Vec<PathBuf>,
+    /// The next frame is captured.
+    capture: bool,
     pace: Pace,
 }
 
@@ -214,6 +220,7 @@ impl Thread {
                 request: None,
                 last: None,
                 shots: Vec::new(),
+                capture: false,
                 pace: Pace::default(),
             };
             if let Some(request) = request.take() {
@@ -245,7 +252,7 @@ impl Thread {
             };
             match self.mailbox.next(wait) {
                 Job::Quit => return Ok(()),
-                Job::View(request) => work.begin(request),
+                Job::View(request) => work.begin(*request),
                 Job::Command(Command::Screenshot(path)) => {
                     work.shots.push(path);
                     // A moving picture is no screenshot.
@@ -254,6 +261,13 @@ impl Thread {
                     }
                     self.write_shots(work);
                 }
+                Job::Command(Command::Capture) => match &self.capture {
+                    Ok(_) => {
+                        (work.last, work.capture) = (None, true);
+                        work.next = work.request.as_ref().map(|_| Stage::Finished);
+                    }
+                    Err(error) => (self.send)(Message::Status(error.to_string())),
+                },
                 Job::Command(Command::LoseDevice) => {
                     return Err(Error::Vulkan { call: "vkQueueSubmit", result: vk::Result::ERROR_DEVICE_LOST });
                 }
@@ -314,7 +328,16 @@ impl Thread {
             Some(still) => still,
             None => {
                 let stop = (stage != Stage::Moving).then(|| self.mailbox.stop());
-                let frame = work.renderers.render(&work.assets, &request.state, stage, size, &camera, stop)?;
+                let Work { renderers, assets, .. } = work;
+                let render = || renderers.render(assets, &request.state, stage, size, &camera, stop);
+                let frame = match &mut self.capture {
+                    Ok(capture) if std::mem::take(&mut work.capture) => {
+                        let (frame, file) = capture.frame(render)?;
+                        (self.send)(Message::Status(format!("{} is captured", file.display())));
+                        frame
+                    }
+                    _ => render()?,
+                };
                 Still { state: shown, size, stage, frame, camera }
             }
         };
