@@ -23,6 +23,9 @@ pub enum Error {
     /// Something does not fit a stated limit; the message names the number.
     #[error("{0}")]
     Limit(String),
+    /// Work that [`crate::frames::Renderer::stop_when`] ended early.
+    #[error("stopped")]
+    Stopped,
     /// A Vulkan call that failed although its preconditions held.
     #[error("Vulkan: {call} failed: {result}")]
     Vulkan {

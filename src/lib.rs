@@ -8,7 +8,8 @@
 //! 4. [`passes`] hold one GPU pass a file; [`frames`] list the passes of a technique in order.
 //! 5. [`mod@reference`] computes the same things slowly on the CPU, so that tests have something to trust.
 //! 6. [`trace`] says when all of that happened, on one time line.
-//! 7. [`compare`](mod@compare) tells how far two images are apart; [`cli`] is the command line over all of it.
+//! 7. [`compare`](mod@compare) tells how far two images are apart; [`cli`] is the command line over all of it,
+//!    and [`viewer`] the window.
 //!
 //! World space is right-handed with +Y up, in metres; radiance is linear with Rec. 709 primaries, and 1.0 is the
 //! white of an 8-bit cloud.
@@ -24,5 +25,6 @@ pub mod preprocess;
 pub mod reference;
 pub mod scene;
 pub mod trace;
+pub mod viewer;
 
 pub use error::{Error, Result};

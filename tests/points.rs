@@ -205,7 +205,9 @@ fn the_filled_surface_is_the_true_one() {
     let share = near as f64 / covered as f64;
     angles.sort_by(f32::total_cmp);
     let (median, most) = (angles[angles.len() / 2], angles[angles.len() * 9 / 10]);
-    println!("{share:.4} of depths within 1 %; normals off by {median:.2} degrees in the median, nine tenths by {most:.2}");
+    println!(
+        "{share:.4} of depths within 1 %; normals off by {median:.2} degrees in the median, nine tenths by {most:.2}"
+    );
     assert!(share >= 0.98, "{share:.4} of depths within 1 %");
     assert!(median <= 10.0, "{median} degrees");
 }
@@ -215,8 +217,7 @@ fn both_geometry_passes_draw_the_same() {
     let device = Device::new();
     let scene = Scene::room(100_000, (200, 120));
     let draw = |geometry| {
-        let settings =
-            PointSettings { geometry: Some(geometry), display: PointDisplay::Raw, ..scene.settings() };
+        let settings = PointSettings { geometry: Some(geometry), display: PointDisplay::Raw, ..scene.settings() };
         scene.renderer(&device, settings).render(&scene.view.camera).expect("a picture").color_depth
     };
     let (raster, atomics) = (draw(PointGeometry::Raster), draw(PointGeometry::Atomics));

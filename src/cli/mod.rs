@@ -11,8 +11,10 @@ mod info;
 mod output;
 mod progress;
 mod render;
+mod scene_flags;
 mod stage;
 mod values;
+mod view;
 
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
@@ -39,6 +41,8 @@ enum Verb {
     Expand(Box<expand::Args>),
     /// Light an object inside a cloud
     Render(Box<render::Args>),
+    /// Open the viewer
+    View(view::Args),
     /// Compare an image with a reference
     Compare(compare::Args),
     /// Hold a step against the truth
@@ -56,6 +60,7 @@ enum Verb {
 /// # Errors
 /// Everything that goes wrong, as one line; help and version are printed and are no errors.
 pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()> {
+    let arguments = scene_flags::expanded(arguments.into_iter().collect())?;
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(error) if !error.use_stderr() => {
@@ -71,6 +76,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
         Verb::Build(args) => build::run(&args),
         Verb::Expand(args) => expand::run(&args),
         Verb::Render(args) => render::run(&args),
+        Verb::View(args) => view::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Evaluate(verb) => evaluate::run(&verb),
         Verb::Bench(verb) => bench::run(&verb),

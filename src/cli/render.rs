@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use glam::{Affine3A, DVec3, Quat, Vec3};
+use glam::{Affine3A, DVec3, Vec3};
 use serde::Serialize;
 
 use super::output::say;
@@ -15,7 +15,7 @@ use crate::frames::{Frame, MaterialChoice, Paper, Quality, Renderer, Settings, T
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Capture, Context, ContextOptions};
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
-use crate::scene::{Camera, Cloud, Object};
+use crate::scene::{Camera, Cloud, Object, Placement};
 use crate::trace::Trace;
 use crate::{Error, Result};
 
@@ -43,6 +43,9 @@ impl From<UpAxis> for Up {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
+    /// Scene whose values stand for flags that are not given (scene_flags.rs)
+    #[arg(long, value_name = "FILE.toml")]
+    scene: Option<PathBuf>,
     /// Cloud (.ply, .pcd, .las, .laz) or saved hierarchy (.bsh)
     #[arg(long, value_name = "FILE")]
     cloud: PathBuf,
@@ -326,13 +329,7 @@ fn pick_technique(args: &Args, context: &Context) -> Technique {
 
 /// The object's transform into the space of a cloud whose `origin` was subtracted.
 fn placement(args: &Args, origin: DVec3) -> Affine3A {
-    let at = args.object_at.map_or(DVec3::ZERO, |at| at - origin);
-    Affine3A::from_scale_rotation_translation(
-        Vec3::splat(args.object_scale as f32),
-        // Whole turns are taken off before f32 could lose what is left of them.
-        Quat::from_rotation_y((args.object_turn % 360.0).to_radians() as f32),
-        at.as_vec3(),
-    )
+    Placement { at: args.object_at, scale: args.object_scale, turn: args.object_turn }.world_from_object(origin)
 }
 
 fn camera(args: &Args, object: &Object, origin: DVec3) -> Result<Camera> {

@@ -101,16 +101,7 @@ pub(super) fn microbuffer(text: &str) -> Result<u32, String> {
 
 /// `file`, `diffuse:ALBEDO` or `metal:ALPHA`.
 pub(super) fn material(text: &str) -> Result<MaterialChoice, String> {
-    let wrong = || {
-        format!("{text:?} is no material; there are file, diffuse:ALBEDO with 0 to 1, and metal:ALPHA with 0.001 to 1")
-    };
-    let number = |value: &str, low| number(value, low, 1.0).map(|n| n as f32).ok_or_else(wrong);
-    match text.split_once(':') {
-        None if text == "file" => Ok(MaterialChoice::File),
-        Some(("diffuse", albedo)) => Ok(MaterialChoice::Diffuse(number(albedo, 0.0)?)),
-        Some(("metal", alpha)) => Ok(MaterialChoice::Metal(number(alpha, 1e-3)?)),
-        _ => Err(wrong()),
-    }
+    text.parse()
 }
 
 /// Comma-separated parts of the paper's method, or `all`.

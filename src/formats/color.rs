@@ -55,8 +55,10 @@ mod tests {
 
     #[test]
     fn a_common_exponent_keeps_colors_to_half_a_512th_of_the_largest_channel() {
-        let colors = [Vec3::ZERO, Vec3::ONE, Vec3::new(0.999, 0.3, 0.02), Vec3::new(52.0, 49.0, 42.0), Vec3::splat(65_408.0)];
-        for color in colors.into_iter().chain((0..200).map(|i| Vec3::new(0.37, 0.11, 0.9) * f32::exp2(i as f32 / 20.0 - 4.0)))
+        let colors =
+            [Vec3::ZERO, Vec3::ONE, Vec3::new(0.999, 0.3, 0.02), Vec3::new(52.0, 49.0, 42.0), Vec3::splat(65_408.0)];
+        for color in
+            colors.into_iter().chain((0..200).map(|i| Vec3::new(0.37, 0.11, 0.9) * f32::exp2(i as f32 / 20.0 - 4.0)))
         {
             let back = unpack_rgb9e5(pack_rgb9e5(color));
             assert!((back - color).abs().max_element() <= color.max_element() / 512.0, "{back} instead of {color}");

@@ -11,6 +11,7 @@ pub mod object;
 pub mod pcd;
 pub mod ply;
 mod points;
+pub mod scene_file;
 pub mod source;
 mod table;
 pub mod whole;

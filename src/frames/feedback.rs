@@ -154,6 +154,11 @@ impl Feedback {
             self.pairs_per_tile = most / receivers.len() as f64 + 1.0;
         }
         stats.visited_pairs += traversed.pairs_in + u64::from(counted.visited);
+        let iterations = stats.pairs_by_iteration.len().max(traversed.by_iteration.len());
+        stats.pairs_by_iteration.resize(iterations, 0);
+        for (sum, pairs) in stats.pairs_by_iteration.iter_mut().zip(&traversed.by_iteration) {
+            *sum += pairs;
+        }
         let mut count = |pass, counts: &[_]| self.context.count(&mut stats.profile, pass, counts);
         count(self.traverse.name, &[("pairs_in", traversed.pairs_in), ("pairs_out", traversed.pairs_done)]);
         if self.refinement.is_some() {

@@ -16,7 +16,7 @@ use std::str::FromStr;
 use crate::gpu::Profile;
 pub use crate::passes::Paper;
 pub use crate::passes::convolve::MaterialChoice;
-pub use renderer::{CutPair, Renderer};
+pub use renderer::{CutPair, GpuScene, Renderer};
 
 /// How the cut of every pixel is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -220,6 +220,8 @@ pub struct FrameStats {
     pub profile: Profile,
     /// [node, receiver] pairs looked at, in the geometry shader or in compute.
     pub visited_pairs: u64,
+    /// Pairs that went into each iteration of the geometry shader, summed over batches; empty for classic.
+    pub pairs_by_iteration: Vec<u64>,
     /// [node, pixel] pairs rasterised.
     pub rasterised_nodes: u64,
     /// Shared: tiles that light the image.

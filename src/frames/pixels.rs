@@ -110,6 +110,7 @@ impl PixelPasses {
         let total = batch.pixels.len() as u32;
         let starts: Vec<u32> = (0..total).step_by(chunk as usize).collect();
         for group in starts.chunks(CHUNKS_PER_SUBMISSION) {
+            shot.renderer.check_stop()?;
             while !self.shade_chunks(shot, batch, group, stats)? {
                 self.rounds.set(self.rounds.get() * 2);
             }

@@ -1,6 +1,7 @@
 //! Renders frames: regions of the image, batches of tiles, chunks of micro-buffers, each as large as the budget allows.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use ash::vk;
@@ -24,7 +25,7 @@ use crate::passes::receivers::{ReceiverPass, Receivers};
 use crate::passes::trace::TracePass;
 use crate::passes::{CutRules, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
-use crate::scene::{Camera, FarField, Object};
+use crate::scene::{Camera, FarField, Object, Vertex};
 use crate::{Error, Result};
 
 /// The images and buffers of one image region.
@@ -73,13 +74,15 @@ pub struct CutPair {
 pub struct Renderer {
     context: Arc<Context>,
     pub(super) settings: Settings,
+    /// Image size that the plan is for.
+    made_for: [u32; 2],
     plan: Plan,
-    pub(super) hierarchy: GpuHierarchy,
+    pub(super) hierarchy: Arc<GpuHierarchy>,
     /// Centre and radius of the object's bounds.
     bounds: (Vec3, f32),
     /// The object's vertices, for where it is in the image.
     positions: Vec<Vec3>,
-    pub(super) far_field: GpuFarField,
+    pub(super) far_field: Arc<GpuFarField>,
     gbuffer: GBufferPass,
     receivers: ReceiverPass,
     /// Technique `shared`, which leaves to the others what it cannot do.
@@ -91,6 +94,35 @@ pub struct Renderer {
     /// Lights what narrow lobes reflect.
     lobes: Option<PixelPasses>,
     nearest: Sampler,
+    /// Ends a frame early once it is true.
+    stop: Option<Arc<AtomicBool>>,
+}
+
+/// What a scan lights with, on the device: renderers of any settings can share it.
+#[derive(Clone)]
+pub struct GpuScene {
+    hierarchy: Arc<GpuHierarchy>,
+    far_field: Arc<GpuFarField>,
+    paper: Paper,
+    bytes: u64,
+}
+
+impl GpuScene {
+    /// Uploads a hierarchy and what lies beyond it, for renderings in the given ways of the paper.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where the scene does not fit the device.
+    pub fn new(
+        context: &Arc<Context>,
+        hierarchy: &Hierarchy,
+        far_field: Option<&FarField>,
+        paper: Paper,
+    ) -> Result<Self> {
+        let before = context.bytes_now();
+        let hierarchy = Arc::new(GpuHierarchy::new(context, hierarchy, paper)?);
+        let far_field = Arc::new(GpuFarField::new(context, far_field)?);
+        Ok(Self { hierarchy, far_field, paper, bytes: context.bytes_now() - before })
+    }
 }
 
 /// Buffers of narrow lobes.
@@ -101,6 +133,9 @@ pub(super) const LOBE_INFO: RasterInfo =
 const COVERAGE_LIMIT: f32 = 63.0;
 
 impl Renderer {
+    /// Larger images than this take no more memory, except for the image.
+    pub const LARGEST_REGION: u32 = 1056;
+
     /// Uploads a scene, the object in world space, and makes everything that frames need.
     ///
     /// # Errors
@@ -114,20 +149,32 @@ impl Renderer {
         settings: Settings,
     ) -> Result<Self> {
         check(&settings)?;
+        let scene = GpuScene::new(context, hierarchy, far_field, settings.paper)?;
+        Self::with_scene(context, &scene, object, settings)
+    }
+
+    /// As [`Renderer::new`], with a scene that is on the device already.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`], and [`Error::Argument`] where the scene was uploaded for other ways of the paper.
+    pub fn with_scene(context: &Arc<Context>, scene: &GpuScene, object: &Object, settings: Settings) -> Result<Self> {
+        check(&settings)?;
+        if scene.paper.one_node() != settings.paper.one_node() {
+            return Err(Error::Argument("the scene was uploaded for other ways of the paper".into()));
+        }
         let feedback = settings.technique != Technique::Classic;
         let hybrid = matches!(settings.technique, Technique::Hybrid | Technique::Shared);
         if let (true, Some(why)) = (feedback, context.why_no_feedback()) {
             return Err(Error::Device(why));
         }
+        let (hierarchy, far_field) = (scene.hierarchy.clone(), scene.far_field.clone());
         let before = context.bytes_now();
-        let hierarchy = GpuHierarchy::new(context, hierarchy, settings.paper)?;
         let gbuffer = GBufferPass::new(context, object)?;
-        let far_field = GpuFarField::new(context, far_field)?;
         let info =
             RasterInfo { size: settings.microbuffer, walk: !feedback, paper: settings.paper, ..RasterInfo::default() };
         let (far, sharp) = (far_field.height > 0, settings.sharp_alpha() > 0.0);
         let pixel_convolve = ConvolvePass::new(context, info, settings.material, far, sharp)?;
-        let scene_bytes = context.bytes_now() - before;
+        let scene_bytes = scene.bytes + context.bytes_now() - before;
         let bytes_per_pair = feedback::bytes_per_pair(hybrid);
         let plan = Plan::new(context, &settings, info, scene_bytes, bytes_per_pair)?;
         let rules = CutRules { paper: settings.paper, shared: false };
@@ -148,6 +195,7 @@ impl Renderer {
             bounds: (0.5 * (low + high), 0.5 * (high - low).length()),
             receivers: ReceiverPass::new(context)?,
             nearest: Sampler::new(context, vk::Filter::NEAREST, vk::SamplerAddressMode::CLAMP_TO_EDGE)?,
+            made_for: [settings.width, settings.height],
             settings,
             plan,
             hierarchy,
@@ -157,7 +205,72 @@ impl Renderer {
             traverser,
             pixels,
             lobes,
+            stop: None,
         })
+    }
+
+    /// Moves the object: the same vertices, in their order, at other places of world space
+    /// ([`Object::transformed_vertices`]).
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another number of vertices; Vulkan's own errors.
+    pub fn place(&mut self, vertices: &[Vertex]) -> Result<()> {
+        if vertices.len() != self.positions.len() {
+            return Err(Error::Argument("an object that moves keeps its vertices".into()));
+        }
+        self.gbuffer.place(vertices)?;
+        self.positions.clear();
+        self.positions.extend(vertices.iter().map(|vertex| vertex.position));
+        let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (low, high) = self.positions.iter().fold(nothing, |(low, high), p| (low.min(*p), high.max(*p)));
+        self.bounds = (0.5 * (low + high), 0.5 * (high - low).length());
+        Ok(())
+    }
+
+    /// Changes the image's size, pixels; it may not grow beyond what the renderer was made for, unless that was
+    /// [`Renderer::LARGEST_REGION`] or more along both sides. What it was made for also says how many tiles there are.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size of zero, [`Error::Limit`] for one that is too large.
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
+        check(&Settings { width, height, ..self.settings })?;
+        let clip = |length: u32| length.min(Self::LARGEST_REGION);
+        if clip(width) > clip(self.made_for[0]) || clip(height) > clip(self.made_for[1]) {
+            let [most_width, most_height] = self.made_for;
+            return Err(Error::Limit(format!(
+                "the renderer was made for images of {most_width} x {most_height}, not {width} x {height}"
+            )));
+        }
+        (self.settings.width, self.settings.height) = (width, height);
+        Ok(())
+    }
+
+    /// Changes an albedo, which no pass depends on but through a constant; false where another renderer is needed, and
+    /// nothing is changed then.
+    pub fn set_material(&mut self, material: MaterialChoice) -> bool {
+        let fits = material.same_passes(self.settings.material);
+        if fits {
+            self.settings.material = material;
+        }
+        fits
+    }
+
+    /// Settings of its frames.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Frames end with [`Error::Stopped`] soon after `stop` becomes true; never by themselves for `None`.
+    pub fn stop_when(&mut self, stop: Option<Arc<AtomicBool>>) {
+        self.stop = stop;
+    }
+
+    /// An error once the frame is to end.
+    pub(super) fn check_stop(&self) -> Result<()> {
+        match &self.stop {
+            Some(stop) if stop.load(Ordering::Relaxed) => Err(Error::Stopped),
+            _ => Ok(()),
+        }
     }
 
     /// Renders one frame; `progress` hears how many of how many pixels are done.
@@ -428,6 +541,7 @@ impl Renderer {
         tiles.reverse();
         let mut ready: Vec<Vec<Receiver>> = Vec::new();
         loop {
+            self.check_stop()?;
             let receivers = match ready.pop() {
                 Some(batch) => batch,
                 None if tiles.is_empty() => return Ok(()),

@@ -90,6 +90,7 @@ impl Shared {
             let mut next = Vec::new();
             let mut start = 0;
             while start < work.len() {
+                shot.renderer.check_stop()?;
                 let most = self.feedback.batch_tiles().min(self.sums.pixels as usize).min(free.len());
                 if most == 0 {
                     left.extend_from_slice(&work[start..]);

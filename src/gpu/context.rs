@@ -114,13 +114,14 @@ pub struct Context {
 }
 
 /// Loader and instance, before a device is chosen.
-struct Start {
-    entry: ash::Entry,
-    instance: ash::Instance,
-    debug_utils: bool,
+pub(crate) struct Start {
+    pub(crate) entry: ash::Entry,
+    pub(crate) instance: ash::Instance,
+    pub(crate) debug_utils: bool,
 }
 
-fn start(validation: bool) -> Result<Start> {
+/// Loads Vulkan and makes an instance with the `wanted` extensions, those of a window.
+pub(crate) fn start(validation: bool, wanted: &[*const c_char]) -> Result<Start> {
     // SAFETY: loading the system's Vulkan loader runs its initialisers, as every Vulkan program does.
     let entry = unsafe { ash::Entry::load() }
         .map_err(|e| Error::Device(format!("no Vulkan loader was found (tools/setup installs one): {e}")))?;
@@ -142,8 +143,10 @@ fn start(validation: bool) -> Result<Start> {
     }
     let debug_utils = extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
     let enabled_layers: Vec<*const c_char> = if validation { vec![layer.as_ptr()] } else { Vec::new() };
-    let enabled_extensions: Vec<*const c_char> =
-        if debug_utils { vec![ext::debug_utils::NAME.as_ptr()] } else { Vec::new() };
+    let mut enabled_extensions = wanted.to_vec();
+    if debug_utils {
+        enabled_extensions.push(ext::debug_utils::NAME.as_ptr());
+    }
     let application = vk::ApplicationInfo::default()
         .application_name(c"relume")
         .engine_name(c"relume")
@@ -168,7 +171,7 @@ pub(crate) fn vulkan(call: &'static str) -> impl Fn(vk::Result) -> Error {
 /// # Errors
 /// When there is no Vulkan loader or no instance can be made.
 pub fn devices() -> Result<Vec<Capabilities>> {
-    let start = start(false)?;
+    let start = start(false, &[])?;
     let found = ranked(&start.instance).map(|list| list.into_iter().map(|(_, c)| c).collect());
     // SAFETY: nothing made from the instance is alive.
     unsafe { start.instance.destroy_instance(None) };
@@ -313,7 +316,7 @@ impl Context {
     /// # Errors
     /// As [`Context::new`].
     pub fn traced(options: &ContextOptions, trace: Trace) -> Result<Arc<Self>> {
-        let start = start(options.validation)?;
+        let start = start(options.validation, &[])?;
         let validation = Arc::new(ValidationLog::default());
         let debug_messenger =
             (options.validation && start.debug_utils).then(|| messenger(&start, &validation)).transpose()?;
@@ -469,7 +472,8 @@ impl Context {
     }
 }
 
-fn messenger(
+/// Sends the validation layer's messages to `log`, which must outlive the messenger.
+pub(crate) fn messenger(
     start: &Start,
     log: &Arc<ValidationLog>,
 ) -> Result<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)> {

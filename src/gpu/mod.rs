@@ -2,11 +2,14 @@
 
 pub mod capture;
 mod clock;
+#[cfg(feature = "hot-reload")]
+pub mod compile;
 pub mod context;
 pub mod memory;
 pub mod pipeline;
 pub mod recorder;
 pub mod reflect;
+pub mod reload;
 pub mod shaders;
 pub mod uses;
 

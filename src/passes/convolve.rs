@@ -1,5 +1,7 @@
 //! The convolution of micro-buffers with the BRDF (Sabbadin 2019, 5.3, Eq. 9).
 
+use std::fmt;
+use std::str::FromStr;
 use std::sync::Arc;
 
 use ash::vk;
@@ -25,6 +27,37 @@ pub enum MaterialChoice {
     Metal(f32),
 }
 
+impl fmt::Display for MaterialChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File => f.write_str("file"),
+            Self::Diffuse(albedo) => write!(f, "diffuse:{albedo}"),
+            Self::Metal(alpha) => write!(f, "metal:{alpha}"),
+        }
+    }
+}
+
+impl FromStr for MaterialChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!(
+                "{text:?} is no material; there are file, diffuse:ALBEDO with 0 to 1, and metal:ALPHA with 0.001 to 1"
+            )
+        };
+        let number = |value: &str, low: f64| {
+            value.parse().ok().filter(|n| (low..=1.0).contains(n)).map(|n: f64| n as f32).ok_or_else(wrong)
+        };
+        match text.split_once(':') {
+            None if text == "file" => Ok(Self::File),
+            Some(("diffuse", albedo)) => Ok(Self::Diffuse(number(albedo, 0.0)?)),
+            Some(("metal", alpha)) => Ok(Self::Metal(number(alpha, 1e-3)?)),
+            _ => Err(wrong()),
+        }
+    }
+}
+
 impl MaterialChoice {
     pub(crate) fn code(self) -> u32 {
         match self {
@@ -40,6 +73,11 @@ impl MaterialChoice {
             Self::File => 0.0,
             Self::Diffuse(parameter) | Self::Metal(parameter) => parameter,
         }
+    }
+
+    /// Whether passes and tables for the one are those for the other: an albedo is a constant that a frame takes.
+    pub(crate) fn same_passes(self, other: Self) -> bool {
+        self == other || matches!((self, other), (Self::Diffuse(_), Self::Diffuse(_)))
     }
 
     /// BRDF evaluations along a side of a micro-pixel: enough that a lobe of this width is not missed between them.

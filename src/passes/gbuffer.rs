@@ -121,6 +121,18 @@ impl GBufferPass {
         Ok(Self { pipeline, object, _sampler: sampler })
     }
 
+    /// Moves the object: the same vertices, in their order, at other places of world space.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for another number of vertices; Vulkan's own errors.
+    pub fn place(&self, vertices: &[Vertex]) -> Result<()> {
+        let bytes: &[u8] = bytemuck::cast_slice(vertices);
+        if bytes.len() as u64 > self.object.vertices.size {
+            return Err(crate::Error::Argument("an object that moves keeps its vertices".into()));
+        }
+        self.object.vertices.upload(bytes)
+    }
+
     /// Draws the object into the G-buffer of a region of a `width` x `height` image, and leaves its images for
     /// sampling.
     pub fn record(&self, recorder: &mut Recorder, target: &GBuffer, camera: &Camera, view: View) {

@@ -174,7 +174,12 @@ impl PointOperators {
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn new(context: &Arc<Context>, points: &PointsPass, images: &PointImages, hidden: HiddenPoints) -> Result<Self> {
+    pub fn new(
+        context: &Arc<Context>,
+        points: &PointsPass,
+        images: &PointImages,
+        hidden: HiddenPoints,
+    ) -> Result<Self> {
         let bindings = images.bindings();
         let levels = [Constant::new(0, images.levels.levels.len() as u32)];
         let operator = |shader: &str, constants: &[Constant]| Operator::new(context, shader, constants, &bindings);

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
 
+use crate::Result;
 use crate::gpu::context::vulkan;
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Sampler, Shader};
 use crate::gpu::{Bindings, Buffer, ComputePipeline, Context, Image, Recorder, Use};
 use crate::preprocess::point_chunks::PackedPoint;
 use crate::scene::Camera;
-use crate::Result;
 
 /// Push constants of all point passes (`glsl/shared/point_view.glsl`).
 #[repr(C)]
@@ -237,9 +237,11 @@ impl PointsPass {
     /// When a resource is missing.
     pub fn bind_resolve(&self, bindings: Bindings<'_>) -> Result<DescriptorSet> {
         let bindings = match &self.target {
-            Target::Images { color, depth } => bindings
-                .sampled("point_depth", depth, self.nearest.handle)
-                .sampled("point_color", color, self.nearest.handle),
+            Target::Images { color, depth } => bindings.sampled("point_depth", depth, self.nearest.handle).sampled(
+                "point_color",
+                color,
+                self.nearest.handle,
+            ),
             Target::Keys(keys) => bindings.buffer("point_keys", keys),
         };
         self.resolve.bind(&bindings)
@@ -326,16 +328,16 @@ fn raster_pipeline(context: &Arc<Context>) -> Result<Pipeline> {
     let vertex = Shader::new(context, "points/points.vert")?;
     let fragment = Shader::new(context, "points/points.frag")?;
     let layout = Layout::new(context, &[&vertex.reflection, &fragment.reflection])?;
-    let stages =
-        [(&vertex, vk::ShaderStageFlags::VERTEX), (&fragment, vk::ShaderStageFlags::FRAGMENT)].map(|(shader, stage)| {
-            vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main")
-        });
+    let stages = [(&vertex, vk::ShaderStageFlags::VERTEX), (&fragment, vk::ShaderStageFlags::FRAGMENT)].map(
+        |(shader, stage)| vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main"),
+    );
     let bindings = [vk::VertexInputBindingDescription {
         binding: 0,
         stride: size_of::<PackedPoint>() as u32,
         input_rate: vk::VertexInputRate::VERTEX,
     }];
-    let attribute = |location, format, offset| vk::VertexInputAttributeDescription { location, binding: 0, format, offset };
+    let attribute =
+        |location, format, offset| vk::VertexInputAttributeDescription { location, binding: 0, format, offset };
     let attributes = [attribute(0, vk::Format::R32G32B32_SFLOAT, 0), attribute(1, vk::Format::R32_UINT, 12)];
     let input = vk::PipelineVertexInputStateCreateInfo::default()
         .vertex_binding_descriptions(&bindings)

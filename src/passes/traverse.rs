@@ -49,10 +49,12 @@ impl FeedbackBuffers {
 }
 
 /// What the loop did, read after its submission.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TraverseCounts {
     /// Pairs that went into the geometry shader, over all iterations.
     pub pairs_in: u64,
+    /// The same by iteration, up to the last that had any.
+    pub by_iteration: Vec<u64>,
     /// Pairs of the second stream.
     pub pairs_done: u64,
     /// Most pairs in flight between two iterations.
@@ -245,10 +247,14 @@ impl LoopQueries {
                 )
                 .map_err(vulkan("vkGetQueryPoolResults"))?;
         }
-        let mut counts = TraverseCounts { pairs_in: u64::from(self.start_pairs), ..TraverseCounts::default() };
+        let start = u64::from(self.start_pairs);
+        let mut counts = TraverseCounts { pairs_in: start, by_iteration: vec![start], ..TraverseCounts::default() };
         for streams in results.chunks_exact(2) {
             let [[next_written, next_needed], [done_written, done_needed]] = [streams[0], streams[1]];
             counts.pairs_in += next_written;
+            if next_written > 0 {
+                counts.by_iteration.push(next_written);
+            }
             counts.pairs_done += done_written;
             counts.peak_pairs = counts.peak_pairs.max(next_written);
             counts.overflowed |= next_needed > next_written || done_needed > done_written;

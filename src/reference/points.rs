@@ -202,7 +202,8 @@ pub fn pull_push(visible: Level) -> Vec<Level> {
         let mut level = Level::new(finer.width.div_ceil(2), finer.height.div_ceil(2));
         for index in 0..level.position.len() {
             let corner = 2 * level.place(index);
-            let sample = |side| finer.at(corner + side).map_or((Vec3::ZERO, 0.0), |k| (finer.position[k], finer.weight[k]));
+            let sample =
+                |side| finer.at(corner + side).map_or((Vec3::ZERO, 0.0), |k| (finer.position[k], finer.weight[k]));
             (level.position[index], level.weight[index]) = combine(FOUR.map(sample), [1.0; 4]);
         }
         levels.push(level);

@@ -1,13 +1,15 @@
-//! What exists in the world: clouds, objects, cameras, far fields, pictures.
+//! What exists in the world: clouds, objects, cameras, far fields, pictures, places.
 
 pub mod camera;
 pub mod cloud;
 pub mod far_field;
 pub mod object;
 pub mod picture;
+pub mod placement;
 
 pub use camera::Camera;
 pub use cloud::Cloud;
 pub use far_field::FarField;
 pub use object::{Material, Object, Primitive, Texture, TextureRef, Vertex};
 pub use picture::Picture;
+pub use placement::{Placement, Viewpoint};

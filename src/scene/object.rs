@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use glam::{Affine3A, Vec2, Vec3};
+use rayon::prelude::*;
 
 /// One vertex, in the object's own space once the file's node transforms have been applied.
 #[repr(C)]
@@ -114,21 +115,31 @@ pub struct Object {
 impl Object {
     /// The same object with positions, normals and tangents transformed.
     pub fn transformed(mut self, world_from_object: Affine3A) -> Self {
-        let normal_matrix = world_from_object.matrix3.inverse().transpose();
-        let mirrored = world_from_object.matrix3.determinant() < 0.0;
-        for vertex in &mut self.vertices {
-            vertex.position = world_from_object.transform_point3(vertex.position);
-            vertex.normal = (normal_matrix * vertex.normal).normalize_or_zero();
-            let [x, y, z, sign] = vertex.tangent;
-            let tangent = world_from_object.transform_vector3(Vec3::new(x, y, z)).normalize_or_zero();
-            vertex.tangent = [tangent.x, tangent.y, tangent.z, if mirrored { -sign } else { sign }];
-        }
-        if mirrored {
+        self.vertices = self.transformed_vertices(world_from_object);
+        if world_from_object.matrix3.determinant() < 0.0 {
             for triangle in self.indices.chunks_exact_mut(3) {
                 triangle.swap(1, 2);
             }
         }
         self
+    }
+
+    /// The vertices with positions, normals and tangents transformed. A mirroring transform also turns triangles inside
+    /// out, which [`Object::transformed`] puts right.
+    pub fn transformed_vertices(&self, world_from_object: Affine3A) -> Vec<Vertex> {
+        let normal_matrix = world_from_object.matrix3.inverse().transpose();
+        let mirrored = world_from_object.matrix3.determinant() < 0.0;
+        let transform = |vertex: &Vertex| {
+            let [x, y, z, sign] = vertex.tangent;
+            let tangent = world_from_object.transform_vector3(Vec3::new(x, y, z)).normalize_or_zero();
+            Vertex {
+                position: world_from_object.transform_point3(vertex.position),
+                normal: (normal_matrix * vertex.normal).normalize_or_zero(),
+                tangent: [tangent.x, tangent.y, tangent.z, if mirrored { -sign } else { sign }],
+                uv: vertex.uv,
+            }
+        };
+        self.vertices.par_iter().map(transform).collect()
     }
 
     /// Axis-aligned bounds of all vertices: (minimum, maximum).

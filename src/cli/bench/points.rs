@@ -60,8 +60,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         values::check_output(json, &["json"])?;
     }
     let context = Context::new(&ContextOptions::default())?;
-    let sizes: &[usize] =
-        if args.quick { &[300_000, 1_000_000] } else { &[300_000, 1_000_000, 3_000_000, 10_000_000] };
+    let sizes: &[usize] = if args.quick { &[300_000, 1_000_000] } else { &[300_000, 1_000_000, 3_000_000, 10_000_000] };
     let (width, height) = args.size;
     say!("{}; {width}x{height}, the toy room; medians of {FRAMES} frames, ms\n", context.capabilities.name)?;
     say!(
@@ -132,7 +131,9 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, (width, height): (
             }
             if frame > 0 {
                 for (times, picks) in times.iter_mut().zip(of) {
-                    times.push(profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, p)| p.gpu_ms).sum::<f64>());
+                    times.push(
+                        profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, p)| p.gpu_ms).sum::<f64>(),
+                    );
                 }
             }
         }

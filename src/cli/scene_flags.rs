@@ -1,0 +1,93 @@
+//! `relume render --scene FILE.toml`: what the scene says stands where the command line has no flag of that name.
+
+use std::ffi::{OsStr, OsString};
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use crate::Result;
+use crate::viewer::ViewState;
+use crate::viewer::state::Named;
+
+/// The arguments of `render`, those of a `--scene` among them; all others are returned as they are.
+///
+/// # Errors
+/// A scene that cannot be read, or that has a value that makes no sense.
+pub(super) fn expanded(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
+    if arguments.get(1).is_none_or(|verb| verb != "render") {
+        return Ok(arguments);
+    }
+    let Some(path) = value_of(&arguments, "--scene") else { return Ok(arguments) };
+    let flags = flags(&ViewState::read(Path::new(&path))?);
+    for (flag, value) in flags {
+        if !arguments.iter().skip(2).any(|argument| names(argument, flag)) {
+            arguments.push(flag.into());
+            arguments.push(value);
+        }
+    }
+    Ok(arguments)
+}
+
+/// Whether an argument is a flag, with or without a value behind `=`.
+fn names(argument: &OsStr, flag: &str) -> bool {
+    let argument = argument.to_string_lossy();
+    argument.strip_prefix(flag).is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
+}
+
+fn value_of(arguments: &[OsString], flag: &str) -> Option<OsString> {
+    let at = arguments.iter().position(|argument| names(argument, flag))?;
+    match arguments[at].to_string_lossy().split_once('=') {
+        Some((_, value)) => Some(value.into()),
+        None => arguments.get(at + 1).cloned(),
+    }
+}
+
+/// Flags of `render` that say what a scene says.
+fn flags(state: &ViewState) -> Vec<(&'static str, OsString)> {
+    let vector = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
+    let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.clone().into_os_string());
+    let text = |text: String| Some(OsString::from(text));
+    let viewpoint = state.viewpoint;
+    let list = [
+        ("--cloud", path(&state.cloud)),
+        ("--object", path(&state.object)),
+        ("--environment", path(&state.environment)),
+        ("--up", text(state.up.name().into())),
+        ("--object-at", state.placement.at.map(|at| vector(at).into())),
+        ("--object-scale", text(state.placement.scale.to_string())),
+        ("--object-turn", text(state.placement.turn.to_string())),
+        ("--camera-from", viewpoint.map(|v| vector(v.from).into())),
+        ("--camera-at", viewpoint.map(|v| vector(v.at).into())),
+        ("--fov", viewpoint.map(|v| v.fov.to_string().into())),
+        ("--size", state.size.map(|[width, height]| format!("{width}x{height}").into())),
+        ("--quality", text(state.quality.name().into())),
+        ("--technique", state.technique.map(|technique| technique.name().into())),
+        ("--microbuffer", state.microbuffer.map(|size| size.to_string().into())),
+        ("--material", text(state.material.to_string())),
+        ("--exposure", text(state.exposure.to_string())),
+    ];
+    list.into_iter().filter_map(|(flag, value)| value.map(|value| (flag, value))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_of_the_command_line_win() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("s.toml");
+        std::fs::write(&path, "cloud = \"c.ply\"\n[placement]\nscale = 2.5\nturn = 10\n").expect("a file");
+        let scene = format!("--scene={}", path.display());
+        let given = ["relume", "render", &scene, "--object-turn=5", "--out", "x.png"].map(OsString::from).to_vec();
+        let all = expanded(given.clone()).expect("arguments");
+        let text: Vec<String> = all.iter().map(|a| a.to_string_lossy().into_owned()).collect();
+        assert_eq!(all[..6], given[..]);
+        let after = |flag: &str| text.iter().position(|a| a == flag).map(|at| text[at + 1].clone());
+        assert_eq!(after("--object-scale").as_deref(), Some("2.5"));
+        assert_eq!(after("--object-turn"), None);
+        assert!(after("--cloud").is_some_and(|cloud| cloud.ends_with("c.ply") && cloud.len() > 5));
+        let other = ["relume", "build", &scene].map(OsString::from).to_vec();
+        assert_eq!(expanded(other.clone()).expect("arguments"), other);
+    }
+}

@@ -1,0 +1,304 @@
+//! What a person has chosen to see, and its scene file.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use glam::DVec3;
+
+use crate::formats::cloud::Up;
+use crate::formats::scene_file::{self, CameraTable, DisplayTable, PlacementTable, RenderTable, SceneFile};
+use crate::frames::points::PointDisplay;
+use crate::frames::{MaterialChoice, Quality, Settings, Technique};
+use crate::scene::{Placement, Viewpoint};
+use crate::{Error, Result};
+
+/// From linear radiance to what a screen shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ToneCurve {
+    /// The sRGB curve alone: what is brighter than white is white.
+    #[default]
+    Srgb,
+    /// A filmic shoulder before it (Narkowicz 2015, after ACES).
+    Filmic,
+}
+
+/// Enums with a name for each value.
+pub trait Named: Copy + PartialEq + Sized + 'static {
+    /// Values and their names, as files and menus have them.
+    const NAMES: &'static [(Self, &'static str)];
+
+    /// The value's name.
+    fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(value, _)| *value == self).map_or("", |(_, name)| name)
+    }
+
+    /// The value of that name.
+    fn named(text: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(_, name)| *name == text).map(|(value, _)| *value)
+    }
+}
+
+impl Named for ToneCurve {
+    const NAMES: &'static [(Self, &'static str)] = &[(Self::Srgb, "srgb"), (Self::Filmic, "filmic")];
+}
+
+impl Named for Option<PointDisplay> {
+    const NAMES: &'static [(Self, &'static str)] = &[
+        (None, "none"),
+        (Some(PointDisplay::Raw), "raw"),
+        (Some(PointDisplay::Filled), "filled"),
+        (Some(PointDisplay::Normals), "normals"),
+        (Some(PointDisplay::Headlight), "headlight"),
+        (Some(PointDisplay::EyeDome), "eye-dome"),
+    ];
+}
+
+impl Named for Up {
+    const NAMES: &'static [(Self, &'static str)] = &[(Self::Y, "y"), (Self::Z, "z"), (Self::MinusY, "-y")];
+}
+
+/// Everything that a picture depends on but its size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewState {
+    /// Cloud or saved hierarchy.
+    pub cloud: Option<PathBuf>,
+    /// The cloud's up axis.
+    pub up: Up,
+    /// Object.
+    pub object: Option<PathBuf>,
+    /// Far field.
+    pub environment: Option<PathBuf>,
+    /// Where the object stands.
+    pub placement: Placement,
+    /// From where it is seen; the object is framed for `None`.
+    pub viewpoint: Option<Viewpoint>,
+    /// Quality of still pictures.
+    pub quality: Quality,
+    /// Technique of still pictures; by quality for `None`.
+    pub technique: Option<Technique>,
+    /// Micro-pixels along a side in still pictures; by quality for `None`.
+    pub microbuffer: Option<u32>,
+    /// What the object is made of.
+    pub material: MaterialChoice,
+    /// Exposure, stops.
+    pub exposure: f32,
+    /// Tone curve.
+    pub tone: ToneCurve,
+    /// Display of the scan's points; they are not shown for `None`.
+    pub points: Option<PointDisplay>,
+    /// Size of the picture that a scene file asks for, pixels.
+    pub size: Option<[u32; 2]>,
+}
+
+impl Default for ViewState {
+    fn default() -> Self {
+        Self {
+            cloud: None,
+            up: Up::Y,
+            object: None,
+            environment: None,
+            placement: Placement::default(),
+            viewpoint: None,
+            quality: Quality::default(),
+            technique: None,
+            microbuffer: None,
+            material: MaterialChoice::File,
+            exposure: 0.0,
+            tone: ToneCurve::default(),
+            points: None,
+            size: None,
+        }
+    }
+}
+
+/// Places beyond this many metres are refused, as on the command line.
+const FARTHEST: f64 = 1e12;
+/// Scales and exposures beyond this are refused.
+const LARGEST: f64 = 1e9;
+/// Most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 26;
+
+impl ViewState {
+    /// Reads a scene file and checks all values.
+    ///
+    /// # Errors
+    /// [`Error::File`], naming the key that is wrong.
+    pub fn read(path: &Path) -> Result<Self> {
+        let file = scene_file::read(path)?;
+        Self::of_file(&file).map_err(|problem| Error::file(path, problem))
+    }
+
+    /// Writes a scene file.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        scene_file::write(path, &self.to_file())
+    }
+
+    fn of_file(file: &SceneFile) -> Result<Self, String> {
+        let SceneFile { placement, camera, render, display, .. } = file;
+        let default = Self::default();
+        let within = |key: &str, n: f64, low: f64, high: f64| {
+            if (low..=high).contains(&n) {
+                Ok(n)
+            } else {
+                Err(format!("{key} is {n}, which is not from {low} to {high}"))
+            }
+        };
+        let number = |key: &str, n: Option<f64>, low: f64, high: f64, default: f64| {
+            n.map_or(Ok(default), |n| within(key, n, low, high))
+        };
+        let vector = |key: &str, v: Option<[f64; 3]>| {
+            v.map(|v| {
+                v.into_iter().try_for_each(|n| within(key, n, -FARTHEST, FARTHEST).map(|_| ()))?;
+                Ok::<_, String>(DVec3::from(v))
+            })
+            .transpose()
+        };
+        let fov = number("camera.fov", camera.fov, 0.1, 170.0, 30.0)?;
+        let viewpoint = match (vector("camera.from", camera.from)?, vector("camera.at", camera.at)?) {
+            (Some(from), Some(at)) if from.distance(at) <= 1e-6 * (1.0 + at.length()) => {
+                return Err("camera.from and camera.at are the same point".into());
+            }
+            (Some(from), Some(at)) => Some(Viewpoint { from, at, fov }),
+            (None, None) if camera.fov.is_none() => None,
+            _ => return Err("camera.from and camera.at go together".into()),
+        };
+        let microbuffer = match render.microbuffer {
+            Some(n) if !Settings::MICROBUFFER.contains(&n) || n % 2 == 1 => {
+                return Err(format!("render.microbuffer is {n}, which is not an even size from 8 to 64"));
+            }
+            size => size,
+        };
+        let size = match file.size {
+            Some([width, height])
+                if width.min(height) == 0 || width.max(height) > 32_768 || pixels(width, height) > MOST_PIXELS =>
+            {
+                return Err(format!("size is {width} x {height}, which is no size of a picture"));
+            }
+            size => size,
+        };
+        Ok(Self {
+            cloud: file.cloud.clone(),
+            up: named("up", file.up.as_deref(), default.up)?,
+            object: file.object.clone(),
+            environment: file.environment.clone(),
+            placement: Placement {
+                at: vector("placement.at", placement.at)?,
+                scale: number("placement.scale", placement.scale, 1.0 / LARGEST, LARGEST, 1.0)?,
+                turn: number("placement.turn", placement.turn, -LARGEST, LARGEST, 0.0)?,
+            },
+            viewpoint,
+            quality: parsed("render.quality", render.quality.as_deref())?.unwrap_or_default(),
+            technique: parsed("render.technique", render.technique.as_deref())?,
+            microbuffer,
+            material: parsed("render.material", render.material.as_deref())?.unwrap_or(default.material),
+            exposure: number("display.exposure", display.exposure, -LARGEST, LARGEST, 0.0)? as f32,
+            tone: named("display.tone", display.tone.as_deref(), default.tone)?,
+            points: named("display.points", display.points.as_deref(), default.points)?,
+            size,
+        })
+    }
+
+    fn to_file(&self) -> SceneFile {
+        SceneFile {
+            cloud: self.cloud.clone(),
+            up: Some(self.up.name().to_owned()),
+            object: self.object.clone(),
+            environment: self.environment.clone(),
+            size: self.size,
+            placement: PlacementTable {
+                at: self.placement.at.map(|at| at.to_array()),
+                scale: Some(self.placement.scale),
+                turn: Some(self.placement.turn),
+            },
+            camera: self.viewpoint.map_or_else(CameraTable::default, |v| CameraTable {
+                from: Some(v.from.to_array()),
+                at: Some(v.at.to_array()),
+                fov: Some(v.fov),
+            }),
+            render: RenderTable {
+                quality: Some(self.quality.name().to_owned()),
+                technique: self.technique.map(|t| t.name().to_owned()),
+                microbuffer: self.microbuffer,
+                material: Some(self.material.to_string()),
+            },
+            display: DisplayTable {
+                exposure: Some(f64::from(self.exposure)),
+                tone: Some(self.tone.name().to_owned()),
+                points: Some(self.points.name().to_owned()),
+            },
+        }
+    }
+
+    /// The same without what only changes how a finished picture is shown.
+    pub(super) fn without_display(&self) -> Self {
+        let Self { exposure, tone, size, .. } = Self::default();
+        Self { exposure, tone, size, ..self.clone() }
+    }
+}
+
+fn pixels(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+fn named<T: Named>(key: &str, text: Option<&str>, default: T) -> Result<T, String> {
+    let Some(text) = text else { return Ok(default) };
+    T::named(text).ok_or_else(|| {
+        let names: Vec<&str> = T::NAMES.iter().map(|(_, name)| *name).collect();
+        format!("{key} is {text:?}; there are {}", names.join(", "))
+    })
+}
+
+fn parsed<T: FromStr<Err: fmt::Display>>(key: &str, text: Option<&str>) -> Result<Option<T>, String> {
+    text.map(|text| text.parse().map_err(|problem| format!("{key}: {problem}"))).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_survives_its_file_to_the_bit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("scene.toml");
+        let state = ViewState {
+            cloud: Some("/no/such/room.ply".into()),
+            placement: Placement { at: Some(DVec3::new(0.1, 1.0 / 3.0, -4e6)), scale: 0.3, turn: -77.7 },
+            viewpoint: Some(Viewpoint { from: DVec3::new(1.0, 0.2, 1e-7), at: DVec3::ONE * 0.7, fov: 40.0 }),
+            technique: Some(Technique::Hybrid),
+            microbuffer: Some(12),
+            material: MaterialChoice::Metal(0.1),
+            exposure: -1.3,
+            tone: ToneCurve::Filmic,
+            points: Some(PointDisplay::EyeDome),
+            size: Some([320, 200]),
+            up: Up::MinusY,
+            ..ViewState::default()
+        };
+        state.write(&path).expect("a file");
+        assert_eq!(ViewState::read(&path).expect("a scene"), state);
+    }
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("scene.toml");
+        for (text, expected) in [
+            ("[placement]\nscale = -1.0", "placement.scale"),
+            ("[camera]\nfrom = [0, 0, 0]", "camera.at"),
+            ("[camera]\nfrom = [0, 0, 0]\nat = [0, 0, 0]", "same point"),
+            ("[render]\nmicrobuffer = 7", "render.microbuffer"),
+            ("[render]\ntechnique = \"best\"", "render.technique"),
+            ("[display]\ntone = \"nice\"", "there are srgb, filmic"),
+            ("size = [0, 9]", "size"),
+            ("up = \"down\"", "up"),
+        ] {
+            std::fs::write(&path, text).expect("a file");
+            let message = ViewState::read(&path).expect_err(text).to_string();
+            assert!(message.contains("scene.toml") && message.contains(expected), "{message}");
+        }
+    }
+}

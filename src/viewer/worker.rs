@@ -1,0 +1,449 @@
+//! The thread that loads and renders: it owns relume's device, and the window never waits for it.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, mpsc};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ash::vk;
+use glam::{DVec3, Vec3};
+
+use super::backdrop::backdrop;
+use super::develop::develop;
+use super::loader::{Assets, Part};
+use super::mailbox::{Command, Job, Mailbox, Request};
+use super::pace::Pace;
+use super::renderers::Renderers;
+use super::state::ViewState;
+use crate::formats::image;
+use crate::frames::{Frame, FrameStats, Technique};
+use crate::gpu::context::ValidationLog;
+use crate::gpu::reload::Reload;
+use crate::gpu::{Capture, Context, ContextOptions, shaders};
+use crate::preprocess::hierarchy::Hierarchy;
+use crate::scene::Camera;
+use crate::{Error, Result};
+
+/// Devices may be lost so often, one after the other, before the viewer gives up.
+const MOST_LOSSES: u32 = 3;
+
+/// Shader files are looked at this often.
+const SHADER_CHECK: Duration = Duration::from_millis(300);
+
+/// Writes a frame with its layers to an EXR file: frame, camera, stops.
+pub type WriteFrame = fn(&Path, &Frame, &Camera, f32) -> Result<()>;
+
+/// How good a picture is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Quick, while things move.
+    Moving,
+    /// Of full resolution and draft quality.
+    Draft,
+    /// As good as was asked for.
+    Finished,
+}
+
+/// A picture and what it took.
+pub struct Picture {
+    /// The request that it answers.
+    pub number: u64,
+    /// How good it is.
+    pub stage: Stage,
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Four bytes a pixel, row by row from the top.
+    pub rgba: Vec<u8>,
+    /// World position of the object at every pixel, w 1 where it is seen and 0 elsewhere.
+    pub position: Vec<[f32; 4]>,
+    /// What it took.
+    pub stats: FrameStats,
+    /// Milliseconds from the worker's start on it to its end.
+    pub ms: f64,
+}
+
+/// What the window hears from the worker.
+pub enum Message {
+    /// A device is there: its name, where its validation messages go, and why it has only technique classic.
+    Device(String, Arc<ValidationLog>, Option<String>),
+    /// Loading has come so far, a share of the whole; none goes on for `None`.
+    Loading(Option<(String, f32)>),
+    /// All files of a view are there.
+    Loaded(Box<Loaded>),
+    /// A file could not be loaded; what was there before stays.
+    LoadFailed(Part, String),
+    /// A picture.
+    Picture(Box<Picture>),
+    /// A line about what happened.
+    Status(String),
+    /// Shaders were compiled again: what is wrong with them, if the old ones stay.
+    Shaders(Option<String>),
+    /// A view could not be rendered: its number, and why.
+    RenderFailed(u64, String),
+    /// A screenshot was written, by this name and both endings.
+    Saved(PathBuf),
+    /// Nothing works any more.
+    Fatal(Error),
+}
+
+/// What the window needs to know of the loaded files.
+pub struct Loaded {
+    /// The paths that were asked for.
+    pub state: ViewState,
+    /// What was subtracted from the cloud's coordinates.
+    pub origin: DVec3,
+    /// The scan, for picking.
+    pub hierarchy: Option<Arc<Hierarchy>>,
+    /// Corners of the object's bounds in its own space.
+    pub object_bounds: Option<(Vec3, Vec3)>,
+}
+
+/// The window's end of the thread.
+pub struct Worker {
+    mailbox: Arc<Mailbox>,
+    messages: mpsc::Receiver<Message>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts the thread; `wake` is called after each message.
+    ///
+    /// # Errors
+    /// When the system has no thread left.
+    pub fn start(
+        options: ContextOptions,
+        write_frame: WriteFrame,
+        reload: Option<Reload>,
+        wake: impl Fn() + Send + 'static,
+    ) -> Result<Self> {
+        let mailbox = Arc::new(Mailbox::default());
+        let (sender, messages) = mpsc::channel();
+        let theirs = mailbox.clone();
+        let send = move |message| {
+            // The window may be gone already.
+            let _ = sender.send(message);
+            wake();
+        };
+        let thread = std::thread::Builder::new()
+            .name("renderer".into())
+            .spawn(move || {
+                let send = Box::new(send);
+                // It watches devices that are opened later.
+                let capture = Capture::attach();
+                let mut thread = Thread { mailbox: theirs, send, options, write_frame, reload, capture, losses: 0 };
+                if let Err(error) = thread.run() {
+                    (thread.send)(Message::Fatal(error));
+                }
+            })
+            .map_err(|e| Error::Device(format!("no thread could be started: {e}")))?;
+        Ok(Self { mailbox, messages, thread: Some(thread) })
+    }
+
+    /// Where requests go.
+    pub fn mailbox(&self) -> Arc<Mailbox> {
+        self.mailbox.clone()
+    }
+
+    /// The next message, if there is one.
+    pub fn message(&self) -> Option<Message> {
+        self.messages.try_recv().ok()
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        // A file that is being read is not waited for for long.
+        const PATIENCE: Duration = Duration::from_secs(10);
+        self.mailbox.quit();
+        let Some(thread) = self.thread.take() else { return };
+        let start = Instant::now();
+        while !thread.is_finished() && start.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        if thread.is_finished() {
+            // A panic was reported by its own hook.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread's own end.
+struct Thread {
+    mailbox: Arc<Mailbox>,
+    send: Box<dyn Fn(Message) + Send>,
+    options: ContextOptions,
+    write_frame: WriteFrame,
+    reload: Option<Reload>,
+    /// RenderDoc, if the viewer was started under it.
+    capture: Result<Capture>,
+    losses: u32,
+}
+
+/// What is worked on.
+struct Work {
+    assets: Assets,
+    renderers: Renderers,
+    request: Option<Request>,
+    /// What the request still lacks.
+    next: Option<Stage>,
+    /// The last still frame, and the state and size that it shows.
+    last: Option<Still>,
+    shots: Vec<PathBuf>,
+    /// The next frame is captured.
+    capture: bool,
+    pace: Pace,
+}
+
+struct Still {
+    state: ViewState,
+    size: [u32; 2],
+    stage: Stage,
+    frame: Frame,
+    camera: Camera,
+}
+
+impl Thread {
+    /// Works until the window is closed, over losses of the device.
+    fn run(&mut self) -> Result<()> {
+        let mut assets = Assets::default();
+        let mut request = None;
+        loop {
+            let context = Context::new(&self.options)?;
+            let log = context.validation.clone();
+            (self.send)(Message::Device(context.capabilities.name.clone(), log, context.why_no_feedback()));
+            let mut work = Work {
+                assets,
+                renderers: Renderers::new(context),
+                next: None,
+                request: None,
+                last: None,
+                shots: Vec::new(),
+                capture: false,
+                pace: Pace::default(),
+            };
+            if let Some(request) = request.take() {
+                work.begin(request);
+            }
+            match self.work(&mut work) {
+                Ok(()) => return Ok(()),
+                Err(error) if is_loss(&error) && self.losses < MOST_LOSSES => {
+                    self.losses += 1;
+                    (self.send)(Message::Status("the renderer's device was lost and is opened again".into()));
+                    (assets, request) = (work.assets, work.request);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    fn work(&mut self, work: &mut Work) -> Result<()> {
+        loop {
+            let wait = match work.next {
+                Some(_) => Duration::ZERO,
+                None => {
+                    if self.reload.is_some() {
+                        SHADER_CHECK
+                    } else {
+                        Duration::from_secs(3600)
+                    }
+                }
+            };
+            match self.mailbox.next(wait) {
+                Job::Quit => return Ok(()),
+                Job::View(request) => work.begin(*request),
+                Job::Command(Command::Screenshot(path)) => {
+                    work.shots.push(path);
+                    // A moving picture is no screenshot.
+                    if work.next.is_none() && work.last.as_ref().is_none_or(|still| still.stage != Stage::Finished) {
+                        work.next = Some(Stage::Draft);
+                    }
+                    self.write_shots(work);
+                }
+                Job::Command(Command::Capture) => match &self.capture {
+                    Ok(_) => {
+                        (work.last, work.capture) = (None, true);
+                        work.next = work.request.as_ref().map(|_| Stage::Finished);
+                    }
+                    Err(error) => (self.send)(Message::Status(error.to_string())),
+                },
+                Job::Command(Command::LoseDevice) => {
+                    return Err(Error::Vulkan { call: "vkQueueSubmit", result: vk::Result::ERROR_DEVICE_LOST });
+                }
+                Job::Idle => {}
+            }
+            self.reload(work);
+            let (Some(stage), Some(request)) = (work.next, work.request.clone()) else { continue };
+            match self.step(work, &request, stage) {
+                Ok(()) => self.losses = 0,
+                Err(Error::Stopped) => {}
+                Err(error) if is_loss(&error) => return Err(error),
+                Err(error) => {
+                    work.next = None;
+                    (self.send)(Message::RenderFailed(request.number, error.to_string()));
+                }
+            }
+        }
+    }
+
+    /// Compiles shaders again where a file has changed; old ones stay where that fails.
+    fn reload(&mut self, work: &mut Work) {
+        let Some(reload) = &mut self.reload else { return };
+        if !reload.changed() {
+            return;
+        }
+        let compiled = reload.compile().and_then(|before| {
+            work.renderers.rebuild(&work.assets).map_err(|error| {
+                shaders::replace(before);
+                error.to_string()
+            })
+        });
+        if compiled.is_ok() {
+            work.last = None;
+            work.next = work.request.as_ref().map(|_| Stage::Draft);
+        }
+        (self.send)(Message::Shaders(compiled.err()));
+    }
+
+    /// One picture of a request.
+    fn step(&mut self, work: &mut Work, request: &Request, stage: Stage) -> Result<()> {
+        let start = Instant::now();
+        if !self.load(work, &request.state)? {
+            work.next = None;
+            return Ok(());
+        }
+        let Some(viewpoint) = request.state.viewpoint else {
+            // The window knows now what to frame, and asks again.
+            work.next = None;
+            return Ok(());
+        };
+        let camera = viewpoint.camera(work.assets.origin);
+        let size = if stage == Stage::Moving { work.pace.size(request.size) } else { request.size };
+        let shown = request.state.without_display();
+        let known = work.last.take().filter(|still| {
+            stage != Stage::Moving && still.state == shown && still.size == size && still.stage == Stage::Finished
+        });
+        let still = match known {
+            Some(still) => still,
+            None => {
+                let stop = (stage != Stage::Moving).then(|| self.mailbox.stop());
+                let Work { renderers, assets, .. } = work;
+                let render = || renderers.render(assets, &request.state, stage, size, &camera, stop);
+                let frame = match &mut self.capture {
+                    Ok(capture) if std::mem::take(&mut work.capture) => {
+                        let (frame, file) = capture.frame(render)?;
+                        (self.send)(Message::Status(format!("{} is captured", file.display())));
+                        frame
+                    }
+                    _ => render()?,
+                };
+                Still { state: shown, size, stage, frame, camera }
+            }
+        };
+        let Still { frame, .. } = &still;
+        let behind = backdrop(request.state.points, frame, &camera);
+        let rgba = develop(frame, behind.as_ref(), request.state.exposure, request.state.tone);
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        if stage == Stage::Moving {
+            work.pace.observe(ms);
+        }
+        let stage = still.stage;
+        (self.send)(Message::Picture(Box::new(Picture {
+            number: request.number,
+            stage,
+            width: frame.width,
+            height: frame.height,
+            rgba,
+            position: frame.position.clone(),
+            stats: frame.stats.clone(),
+            ms,
+        })));
+        work.last = Some(still);
+        work.next = (stage == Stage::Draft).then_some(Stage::Finished);
+        self.write_shots(work);
+        Ok(())
+    }
+
+    /// Makes sure of all files that a view needs; false where there is nothing to render yet.
+    fn load(&mut self, work: &mut Work, state: &ViewState) -> Result<bool> {
+        let send = &self.send;
+        let mut loading = false;
+        let loaded = work.assets.load(state, &mut |what, share| {
+            loading = true;
+            send(Message::Loading(Some((what.to_owned(), share))));
+        });
+        let Assets { object, cloud, .. } = &work.assets;
+        let complete = object.is_some() && cloud.is_some();
+        match loaded {
+            Ok(new) => {
+                if loading {
+                    send(Message::Loading(None));
+                }
+                if !new.is_empty() {
+                    send(Message::Loaded(Box::new(Loaded {
+                        state: state.clone(),
+                        origin: work.assets.origin,
+                        hierarchy: cloud.as_ref().map(|(_, _, hierarchy)| hierarchy.clone()),
+                        object_bounds: work.assets.object_bounds(),
+                    })));
+                    work.renderers.changed(&new);
+                    work.last = None;
+                }
+                Ok(complete)
+            }
+            Err((part, error)) => {
+                send(Message::Loading(None));
+                send(Message::LoadFailed(part, error.to_string()));
+                Ok(false)
+            }
+        }
+    }
+
+    /// Writes the screenshots that wait, once there is a picture for them.
+    fn write_shots(&mut self, work: &mut Work) {
+        let (Some(still), Some(request)) = (&work.last, &work.request) else { return };
+        if still.stage != Stage::Finished {
+            return;
+        }
+        for path in work.shots.drain(..) {
+            let Still { frame, camera, .. } = still;
+            let state = &request.state;
+            let behind = backdrop(state.points, frame, camera);
+            let rgba = develop(frame, behind.as_ref(), state.exposure, state.tone);
+            let written = image::write_png(&path.with_extension("png"), frame.width, frame.height, &rgba)
+                .and_then(|()| (self.write_frame)(&path.with_extension("exr"), frame, camera, state.exposure));
+            (self.send)(match written {
+                Ok(()) => Message::Saved(path),
+                Err(error) => Message::Status(error.to_string()),
+            });
+        }
+    }
+}
+
+impl Work {
+    fn begin(&mut self, request: Request) {
+        self.next = Some(match request.moving {
+            true => Stage::Moving,
+            // What is finished already is only shown anew.
+            false => {
+                let shown = request.state.without_display();
+                let finished = self.last.as_ref().is_some_and(|still| {
+                    still.stage == Stage::Finished && still.state == shown && still.size == request.size
+                });
+                if finished { Stage::Finished } else { Stage::Draft }
+            }
+        });
+        self.request = Some(request);
+    }
+}
+
+fn is_loss(error: &Error) -> bool {
+    matches!(error, Error::Vulkan { result: vk::Result::ERROR_DEVICE_LOST, .. })
+}
+
+/// The technique of still pictures on a device.
+pub(super) fn technique(state: &ViewState, feedback: bool) -> Technique {
+    let wanted = state.technique.unwrap_or(state.quality.settings().technique);
+    if feedback { wanted } else { Technique::Classic }
+}
