@@ -96,6 +96,7 @@ fn push_constants() -> [Struct; 5] {
             first as "first",
             count as "count",
             display as "display",
+            levels as "levels",
         }),
     ]
 }

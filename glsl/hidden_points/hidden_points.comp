@@ -4,8 +4,6 @@
 #extension GL_GOOGLE_include_directive : require
 #include "hidden_points/occlusion.glsl"
 
-layout(constant_id = 0) const uint LEVELS = 11u;
-
 // Metric size of the neighbourhood, s_hpr = 10 s_0.
 const float SIZE = 10.0;
 // The level that serves as a coarse depth map.
@@ -22,7 +20,7 @@ void main() {
     ivec2 size = ivec2(point_view.width, point_view.height);
     int first = 0;
     float depth = 0.0;
-    for (uint level = 0u; level < LEVELS && depth == 0.0; ++level) {
+    for (uint level = 0u; level < point_view.levels && depth == 0.0; ++level) {
         ivec2 at = pixel >> int(level);
         // Where a sparse cloud leaves the coarse map empty, a coarser one serves.
         if (level >= COARSE) depth = texelFetch(point_levels, first + at.y * size.x + at.x).z;
@@ -35,7 +33,7 @@ void main() {
     }
     // Eq. 1. The ring of level l reaches from 2^l to 2^(l + 1) pixels, so the last level is one below.
     float reach = SIZE * point_view.spacing * point_view.focal / depth;
-    uint last = min(uint(clamp(floor(log2(reach)) - 1.0, 0.0, 30.0)), LEVELS - 1u);
+    uint last = min(uint(clamp(floor(log2(reach)) - 1.0, 0.0, 30.0)), point_view.levels - 1u);
 
     const ivec2 RING[8] = ivec2[8](ivec2(1, 0), ivec2(1, 1), ivec2(0, 1), ivec2(-1, 1), ivec2(-1, 0), ivec2(-1, -1),
                                    ivec2(0, -1), ivec2(1, -1));

@@ -5,8 +5,6 @@
 #include "shared/point_view.glsl"
 #include "common/rgb9e5.glsl"
 
-layout(constant_id = 0) const uint LEVELS = 11u;
-
 layout(local_size_x = 64) in;
 
 layout(binding = 0) uniform samplerBuffer point_levels;
@@ -62,7 +60,7 @@ vec3 level_normal(vec2 pixel, uint level, int first, ivec2 size, float depth) {
 // Interpolated between the two levels whose samples are as far apart as the radius is at this depth.
 vec3 smooth_normal(vec2 pixel, float depth) {
     float wanted = log2(max(1.0, NORMAL_RADIUS * point_view.spacing * point_view.focal / depth));
-    float level = clamp(wanted, 0.0, float(LEVELS) - 1.001);
+    float level = clamp(wanted, 0.0, float(point_view.levels) - 1.001);
     uint lower = uint(level);
     ivec2 size = ivec2(point_view.width, point_view.height);
     int first = 0;
@@ -71,7 +69,7 @@ vec3 smooth_normal(vec2 pixel, float depth) {
         size = (size + 1) / 2;
     }
     vec3 fine = level_normal(pixel, lower, first, size, depth);
-    if (lower + 1u == LEVELS) return normalize(fine);
+    if (lower + 1u == point_view.levels) return normalize(fine);
     vec3 coarse = level_normal(pixel, lower + 1u, first + size.x * size.y, (size + 1) / 2, depth);
     return normalize(mix(normalize(fine), normalize(coarse), level - float(lower)));
 }

@@ -19,6 +19,7 @@ layout(push_constant) uniform PointView {
     uint first; // point of the dispatch
     uint count; // points of the dispatch
     uint display;
+    uint levels; // of all pyramids
 } point_view;
 
 vec3 pixel_ray(vec2 pixel) {

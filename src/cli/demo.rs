@@ -14,6 +14,8 @@ use super::{expand, render, values};
 use crate::cli::output::say;
 use crate::compare::{self, Image, Tile, contact_sheet, difference_map, luminance, to_srgb8};
 use crate::formats::image::{ExrLayers, write_exr, write_png};
+use crate::formats::tone::ToneCurve;
+use crate::frames::composite::{Backdrop, compose};
 use crate::frames::{Frame, MaterialChoice, Paper, Settings, Technique};
 use crate::gpu::{Context, ContextOptions};
 use crate::preprocess::expansion;
@@ -199,7 +201,9 @@ impl Demo {
             ..Settings::default()
         };
         let frame = stage::render(&self.context, hierarchy, &self.object, &self.camera, settings)?;
-        render::write_frame(&self.path(&format!("{name}.exr")), &frame, &self.camera, 0.0)?;
+        let composite = compose(&frame, &self.camera, Backdrop::default());
+        let path = self.path(&format!("{name}.exr"));
+        render::write_frame(&path, &frame, &self.camera, &composite, 0.0, ToneCurve::Srgb)?;
         let picture = self.in_the_room(&stage::image_of(&frame)?)?;
         self.write(&format!("{name}.png"), &picture)?;
         let rendered =

@@ -1,5 +1,6 @@
 //! The command line: one file a verb.
 
+mod backdrop;
 mod bake;
 mod bench;
 mod build;

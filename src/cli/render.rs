@@ -1,20 +1,25 @@
 //! `relume render`: an object in the light of a cloud.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{Affine3A, DVec3, Vec3};
 use serde::Serialize;
 
+use super::backdrop::{Around, BackdropArgs};
 use super::output::say;
 use super::{progress, values};
 use crate::formats::cloud::{CloudOptions, Up};
 use crate::formats::image::{ExrGroup, ExrLayers};
-use crate::formats::{bsh, cloud, color, image, object, whole};
+use crate::formats::tone::ToneCurve;
+use crate::formats::{bsh, cloud, image, object, whole};
+use crate::frames::composite::Composite;
 use crate::frames::{Frame, MaterialChoice, Paper, Quality, Renderer, Settings, Technique};
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Capture, Context, ContextOptions};
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
+use crate::preprocess::point_chunks::PointChunks;
 use crate::scene::{Camera, Cloud, Object, Placement};
 use crate::trace::Trace;
 use crate::{Error, Result};
@@ -123,6 +128,8 @@ pub(super) struct Args {
     /// Exposure of a PNG in stops
     #[arg(long, value_name = "STOPS", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
     exposure: f64,
+    #[command(flatten)]
+    backdrop: BackdropArgs,
     /// Times and counts
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
@@ -189,11 +196,14 @@ struct LoadedHierarchy {
     points: Option<usize>,
     nodes_before: Option<usize>,
     origin: DVec3,
+    /// The scan for the backdrop, if it is asked for.
+    chunks: Option<Arc<PointChunks>>,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     values::check_output(&args.out, &["exr", "png"])?;
+    args.backdrop.check(args.environment.is_some())?;
     if let Some(stats) = &args.stats {
         values::check_output(stats, &["json"])?;
     }
@@ -253,6 +263,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         Some(capture) => capture.frame(light).map(|(frame, file)| (frame, Some(file)))?,
     };
     bar.finish_and_clear();
+    // Its memory is the backdrop's now.
+    drop(renderer);
+    let around = Around { points: loaded.chunks.clone(), far_field: far_field.as_ref(), object: &object };
+    let points = clock.time("backdrop", || args.backdrop.render_points(&context, &around, &camera, &settings))?;
+    let composite = args.backdrop.compose(&frame, &camera, points.as_ref(), &around);
     if frame.stats.covered_pixels == 0 {
         tracing::warn!("the camera does not see the object");
     }
@@ -262,10 +277,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
 
     let span = trace.span("writing");
-    write_frame(&args.out, &frame, &camera, args.exposure as f32)?;
+    write_frame(&args.out, &frame, &camera, &composite, args.exposure as f32, args.backdrop.tone)?;
     drop(span);
     if let Some(path) = &args.stats {
         let stats = &frame.stats;
+        let mut profile = stats.profile.clone();
+        if let Some(points) = &points {
+            profile.add(&points.profile);
+        }
+        let passes = profile.passes;
         let report = Stats {
             device: &context.capabilities.name,
             driver: &context.capabilities.driver,
@@ -294,7 +314,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             frame_wall_ms: stats.wall_ms,
             total_wall_s: start.elapsed().as_secs_f64(),
             loading_s: &clock.steps,
-            passes: &stats.profile.passes,
+            passes: &passes,
         };
         write_json(path, &report)?;
     }
@@ -358,7 +378,14 @@ fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<Loa
     if saved {
         let (hierarchy, info) = clock.time("hierarchy file", || bsh::read_with_info(&args.cloud))?;
         let points = usize::try_from(info.points).ok();
-        return Ok(LoadedHierarchy { hierarchy, points, nodes_before: None, origin: info.origin });
+        let chunks = args.backdrop.shows_points().then(|| PointChunks::of_hierarchy(&hierarchy)).transpose()?;
+        return Ok(LoadedHierarchy {
+            hierarchy,
+            points,
+            nodes_before: None,
+            origin: info.origin,
+            chunks: chunks.map(Arc::new),
+        });
     }
     // The object's middle, without its place, which f32 may not hold: the cloud's origin is not known yet.
     let turned = object.clone().transformed(placement(args, args.object_at.unwrap_or_default()));
@@ -367,8 +394,10 @@ fn load_hierarchy(args: &Args, object: &Object, clock: &mut Clock) -> Result<Loa
     let towards = args.towards.unwrap_or(middle);
     let cloud = clock.time("cloud", || load_cloud(&args.cloud, args.up, Some(towards)))?;
     let (hierarchy, report) = clock.time("hierarchy", || hierarchy::build(&cloud, &BuildOptions::default()))?;
+    let chunks = args.backdrop.shows_points().then(|| PointChunks::new(&cloud)).transpose()?;
     Ok(LoadedHierarchy {
         hierarchy,
+        chunks: chunks.map(Arc::new),
         points: Some(report.points),
         nodes_before: Some(report.nodes_before),
         origin: cloud.origin,
@@ -381,22 +410,29 @@ pub(super) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Res
 }
 
 /// Writes an EXR with layers or a PNG, by the name's ending.
-pub(super) fn write_frame(path: &Path, frame: &Frame, camera: &Camera, stops: f32) -> Result<()> {
+pub(super) fn write_frame(
+    path: &Path,
+    frame: &Frame,
+    camera: &Camera,
+    composite: &Composite,
+    stops: f32,
+    tone: ToneCurve,
+) -> Result<()> {
     let three = |values: &[[f32; 4]]| values.iter().map(|v| Vec3::new(v[0], v[1], v[2])).collect::<Vec<_>>();
-    let rgb = three(&frame.rgba);
-    let alpha: Vec<f32> = frame.rgba.iter().map(|v| v[3]).collect();
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         let scale = stops.exp2();
-        let bytes: Vec<u8> = rgb
+        let bytes: Vec<u8> = composite
+            .rgb
             .iter()
-            .zip(&alpha)
+            .zip(&composite.alpha)
             .flat_map(|(c, a)| {
-                let [r, g, b] = (*c * scale).to_array().map(color::encode_srgb8);
+                let [r, g, b] = tone.encode(*c * scale);
                 [r, g, b, (a * 255.0).round() as u8]
             })
             .collect();
         return image::write_png(path, frame.width, frame.height, &bytes);
     }
+    let alpha: Vec<f32> = frame.rgba.iter().map(|v| v[3]).collect();
     let position = three(&frame.position);
     let (_, _, forward) = camera.basis();
     let depth: Vec<f32> = position
@@ -404,21 +440,24 @@ pub(super) fn write_frame(path: &Path, frame: &Frame, camera: &Camera, stops: f3
         .zip(&alpha)
         .map(|(p, a)| if *a > 0.0 { (*p - camera.from).dot(forward) } else { 0.0 })
         .collect();
-    image::write_exr(
-        path,
-        &ExrLayers {
-            width: frame.width,
-            height: frame.height,
-            rgb: &rgb,
-            alpha: Some(&alpha),
-            groups: &[
-                ("albedo", ExrGroup::Color(&three(&frame.albedo))),
-                ("N", ExrGroup::Vector(&three(&frame.normal))),
-                ("Z", ExrGroup::Scalar(&depth)),
-                ("P", ExrGroup::Vector(&position)),
-            ],
-        },
-    )
+    let (albedo, normal, object) = (three(&frame.albedo), three(&frame.normal), three(&frame.rgba));
+    let mut groups = vec![
+        ("albedo", ExrGroup::Color(&albedo)),
+        ("N", ExrGroup::Vector(&normal)),
+        ("Z", ExrGroup::Scalar(&depth)),
+        ("P", ExrGroup::Vector(&position)),
+    ];
+    if !composite.backdrop.is_empty() {
+        // The lit object alone, where it is seen, and what is around and behind it.
+        groups.extend([
+            ("object", ExrGroup::Color(&object)),
+            ("object.A", ExrGroup::Scalar(&composite.object)),
+            ("backdrop", ExrGroup::Color(&composite.backdrop)),
+        ]);
+    }
+    let (width, height) = (frame.width, frame.height);
+    let (rgb, alpha) = (&composite.rgb, Some(&composite.alpha[..]));
+    image::write_exr(path, &ExrLayers { width, height, rgb, alpha, groups: &groups })
 }
 
 /// Writes a report as JSON.

@@ -65,6 +65,9 @@ fn flags(state: &ViewState) -> Vec<(&'static str, OsString)> {
         ("--microbuffer", state.microbuffer.map(|size| size.to_string().into())),
         ("--material", text(state.material.to_string())),
         ("--exposure", text(state.exposure.to_string())),
+        ("--tone", text(state.tone.name().into())),
+        ("--backdrop", state.points.map(|_| "points".into())),
+        ("--points", state.points.map(|display| display.name().into())),
     ];
     list.into_iter().filter_map(|(flag, value)| value.map(|value| (flag, value))).collect()
 }

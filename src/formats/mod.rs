@@ -14,6 +14,7 @@ mod points;
 pub mod scene_file;
 pub mod source;
 mod table;
+pub mod tone;
 pub mod whole;
 
 use std::path::Path;

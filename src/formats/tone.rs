@@ -32,6 +32,15 @@ impl ToneCurve {
         }
     }
 
+    /// The linear value that is shown for a channel's, where channels are shown one by one.
+    pub fn channel(self, linear: f32) -> Option<f32> {
+        match self {
+            Self::Srgb => Some(linear),
+            Self::Filmic => Some(narkowicz(linear)),
+            Self::Agx => None,
+        }
+    }
+
     /// 8-bit sRGB codes of a linear colour; NaN becomes 0.
     pub fn encode(self, linear: Vec3) -> [u8; 3] {
         match self {

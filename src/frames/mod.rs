@@ -2,6 +2,7 @@
 //! that fit a memory budget.
 
 mod batch;
+pub mod composite;
 mod feedback;
 mod pixels;
 mod plan;

@@ -6,13 +6,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 
 use crate::gpu::{Context, Profile, Recorder};
+use crate::passes::contact_shadow::{ContactShadowPass, ShadowSetup};
 use crate::passes::point_operators::{PointImages, PointOperators};
 use crate::passes::points::{PointBuffer, PointRun, PointView, PointsPass, TARGET_BYTES_PER_PIXEL};
+use crate::preprocess::directional_light;
+use crate::preprocess::distance_field::DistanceField;
 use crate::preprocess::point_chunks::{CHUNK, Chunk, PackedPoint, PointChunks};
-use crate::scene::Camera;
+use crate::scene::{Camera, FarField};
 use crate::{Error, Result};
 
 pub use crate::passes::point_operators::HiddenPoints;
@@ -119,6 +122,8 @@ pub struct PointFrame {
     pub color_depth: Vec<[f32; 4]>,
     /// World normals, w 1 where there is one.
     pub normal: Vec<[f32; 4]>,
+    /// Share of the light that the object's contact shadow leaves, by channel; empty without one.
+    pub shadow: Vec<[f32; 4]>,
     /// Points drawn, those outside of the view left out as whole chunks.
     pub drawn: u64,
     /// Times and counts by pass.
@@ -140,6 +145,18 @@ pub struct PointRenderer {
     buffers: Vec<PointBuffer>,
     images: PointImages,
     operators: PointOperators,
+    shadow: Option<ContactShadowPass>,
+}
+
+/// What casts a contact shadow on the scan.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadowCaster<'a> {
+    /// Distances to the object's surface.
+    pub field: &'a DistanceField,
+    /// Where the object stands; scales alike along all axes.
+    pub world_from_object: Affine3A,
+    /// Light from beyond the scan.
+    pub far_field: Option<&'a FarField>,
 }
 
 impl PointRenderer {
@@ -150,9 +167,7 @@ impl PointRenderer {
     /// the budget.
     pub fn new(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: PointSettings) -> Result<Self> {
         let (width, height) = (settings.width, settings.height);
-        if width == 0 || height == 0 || width.max(height) > MOST_PIXELS_A_SIDE {
-            return Err(Error::Argument(format!("an image of {width}x{height}; a side has 1 to {MOST_PIXELS_A_SIDE}")));
-        }
+        check_size(width, height)?;
         let spacing = settings.spacing.unwrap_or(chunks.spacing);
         if !(spacing.is_finite() && spacing > 0.0) {
             return Err(Error::Argument(format!("a spacing of {spacing} metres between points; it is above zero")));
@@ -196,7 +211,56 @@ impl PointRenderer {
             buffers,
             images,
             operators,
+            shadow: None,
         })
+    }
+
+    /// Lets an object cast its shadow from now on; nothing does for `None`.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where it does not fit the device.
+    pub fn cast_shadow(&mut self, caster: Option<ShadowCaster<'_>>) -> Result<()> {
+        self.shadow = None;
+        let Some(caster) = caster else { return Ok(()) };
+        let pass = ContactShadowPass::new(&self.context, &self.images, caster.field)?;
+        self.shadow = Some(pass);
+        self.move_shadow(caster)
+    }
+
+    /// Moves the object that casts its shadow already.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn move_shadow(
+        &mut self,
+        ShadowCaster { field, world_from_object, far_field }: ShadowCaster<'_>,
+    ) -> Result<()> {
+        let Some(pass) = &self.shadow else { return Ok(()) };
+        let (low, high) = (field.low, field.high());
+        let scale = world_from_object.matrix3.x_axis.length();
+        let centre = world_from_object.transform_point3(0.5 * (low + high));
+        let radius = 0.5 * (high - low).length() * scale;
+        let lights = directional_light::estimate(&self.chunks, centre, 0.5 * radius, far_field);
+        pass.place(&ShadowSetup { object_from_world: world_from_object.inverse(), centre, radius, lights })
+    }
+
+    /// Renders pictures of another size from now on.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size without pixels, [`Error::Limit`] where it does not fit the device.
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
+        check_size(width, height)?;
+        if (width, height) == (self.settings.width, self.settings.height) {
+            return Ok(());
+        }
+        self.images = PointImages::new(&self.context, width, height)?;
+        self.points.resize(&mut self.buffers, width, height)?;
+        self.operators.bind(&self.points, &self.images)?;
+        if let Some(pass) = &mut self.shadow {
+            pass.bind(&self.images)?;
+        }
+        (self.settings.width, self.settings.height) = (width, height);
+        Ok(())
     }
 
     /// Shows something else from now on.
@@ -219,6 +283,7 @@ impl PointRenderer {
             height: self.settings.height,
             color_depth: self.images.shaded.download(pixels)?,
             normal: self.images.shaded_normals.download(pixels)?,
+            shadow: self.shadow.as_ref().map_or(Ok(Vec::new()), |pass| pass.shadow.download(pixels))?,
             drawn,
             profile,
             wall_ms: start.elapsed().as_secs_f64() * 1e3,
@@ -238,7 +303,8 @@ impl PointRenderer {
     pub fn draw(&mut self, camera: &Camera, profile: &mut Profile) -> Result<u64> {
         let PointSettings { width, height, display, spacing, .. } = self.settings;
         let view = PointView::new(camera, width, height, spacing.unwrap_or(self.chunks.spacing));
-        let view = PointView { display: display.code(), ..view };
+        let levels = self.images.levels.levels.len() as u32;
+        let view = PointView { display: display.code(), levels, ..view };
         let drawn = self.draw_points(view, profile)?;
         profile.count("points", "points", drawn);
         let mut recorder = Recorder::new(&self.context)?;
@@ -247,6 +313,9 @@ impl PointRenderer {
             self.operators.fill(&mut recorder, &self.images.levels, view)?;
         }
         self.operators.shade(&mut recorder, view)?;
+        if let Some(pass) = &self.shadow {
+            pass.record(&mut recorder, view)?;
+        }
         recorder.finish(profile)?;
         Ok(drawn)
     }
@@ -258,6 +327,7 @@ impl PointRenderer {
     pub fn classify(&mut self, camera: &Camera, profile: &mut Profile) -> Result<()> {
         let PointSettings { width, height, spacing, .. } = self.settings;
         let view = PointView::new(camera, width, height, spacing.unwrap_or(self.chunks.spacing));
+        let view = PointView { levels: self.images.levels.levels.len() as u32, ..view };
         self.draw_points(view, profile)?;
         let mut recorder = Recorder::new(&self.context)?;
         self.operators.remove_hidden(&mut recorder, &self.points, &self.images.levels, view)?;
@@ -317,6 +387,15 @@ impl PointRenderer {
     }
 }
 
+fn check_size(width: u32, height: u32) -> Result<()> {
+    if width == 0 || height == 0 || width.max(height) > MOST_PIXELS_A_SIDE {
+        return Err(Error::Argument(format!(
+            "an image of {width}x{height}; a side has 1 to {MOST_PIXELS_A_SIDE} pixels"
+        )));
+    }
+    Ok(())
+}
+
 /// Longest side of an image, pixels.
 const MOST_PIXELS_A_SIDE: u32 = 16_384;
 /// Uploads and downloads go through staging buffers of this size.
@@ -327,7 +406,7 @@ const STAGING: u64 = 8 << 20;
 fn quicker(context: &Context) -> PointGeometry {
     match context.capabilities.kind {
         vk::PhysicalDeviceType::CPU => PointGeometry::Atomics,
-        _ => PointGeometry::Atomics,
+        _ => PointGeometry::Raster,
     }
 }
 

@@ -1,6 +1,7 @@
 //! One GPU pass a file, under the same name as its folder in `glsl/`, and the structs that cross the border to GLSL.
 
 pub mod bin;
+pub mod contact_shadow;
 pub mod convolve;
 pub mod gbuffer;
 pub mod point_operators;

@@ -149,6 +149,11 @@ impl Operator {
         Ok(Self { pipeline, set })
     }
 
+    fn bind(&mut self, bindings: &Bindings<'_>) -> Result<()> {
+        self.set = self.pipeline.bind(bindings)?;
+        Ok(())
+    }
+
     fn record(&self, recorder: &mut Recorder, name: &'static str, view: PointView) -> Result<()> {
         let invocations = view.level_width * view.level_height;
         recorder.pass(name, |_, commands| self.pipeline.dispatch(commands, &self.set, &view, invocations))?;
@@ -181,21 +186,32 @@ impl PointOperators {
         hidden: HiddenPoints,
     ) -> Result<Self> {
         let bindings = images.bindings();
-        let levels = [Constant::new(0, images.levels.levels.len() as u32)];
         let operator = |shader: &str, constants: &[Constant]| Operator::new(context, shader, constants, &bindings);
         Ok(Self {
             resolve: points.bind_resolve(bindings.clone())?,
             pyramid: operator("point_pyramid/point_pyramid.comp", &[])?,
             hidden: match hidden {
-                HiddenPoints::Pyramid => operator("hidden_points/hidden_points.comp", &levels)?,
+                HiddenPoints::Pyramid => operator("hidden_points/hidden_points.comp", &[])?,
                 HiddenPoints::Fixed(radius) => operator("hidden_points/fixed.comp", &[Constant::new(0, radius)])?,
             },
             copy_colors: (images.colors.handle, images.filled_colors.handle, images.colors.size),
             pull: operator("pull_push/pull.comp", &[])?,
             push: operator("pull_push/push.comp", &[])?,
             normals: operator("point_normals/point_normals.comp", &[])?,
-            shade: operator("point_shade/point_shade.comp", &levels)?,
+            shade: operator("point_shade/point_shade.comp", &[])?,
         })
+    }
+
+    /// Works on other images from now on.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn bind(&mut self, points: &PointsPass, images: &PointImages) -> Result<()> {
+        let bindings = images.bindings();
+        self.resolve = points.bind_resolve(bindings.clone())?;
+        self.copy_colors = (images.colors.handle, images.filled_colors.handle, images.colors.size);
+        let Self { pyramid, hidden, pull, push, normals, shade, .. } = self;
+        [pyramid, hidden, pull, push, normals, shade].into_iter().try_for_each(|operator| operator.bind(&bindings))
     }
 
     /// Level 0 of the point pyramid, the others, and the visibility mask (3.1).

@@ -54,6 +54,8 @@ pub struct PointView {
     pub count: u32,
     /// `PointDisplay` as a number.
     pub display: u32,
+    /// Levels of all pyramids.
+    pub levels: u32,
 }
 
 impl PointView {
@@ -114,6 +116,27 @@ enum Target {
     Keys(Buffer),
 }
 
+impl Target {
+    fn new(context: &Arc<Context>, geometry: PointGeometry, width: u32, height: u32) -> Result<Self> {
+        match geometry {
+            PointGeometry::Raster => {
+                let info = |name, format, usage| ImageInfo { name, width, height, levels: 1, format, usage };
+                let sampled = vk::ImageUsageFlags::SAMPLED;
+                let color = vk::ImageUsageFlags::COLOR_ATTACHMENT | sampled;
+                let depth = vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT | sampled;
+                Ok(Self::Images {
+                    color: Image::new(context, info("point colour", vk::Format::R32_UINT, color))?,
+                    depth: Image::new(context, info("point depth", vk::Format::D32_SFLOAT, depth))?,
+                })
+            }
+            PointGeometry::Atomics => {
+                let bytes = u64::from(width) * u64::from(height) * TARGET_BYTES_PER_PIXEL;
+                Ok(Self::Keys(Buffer::with_texels(context, "point keys", bytes, vk::Format::R32G32_UINT)?))
+            }
+        }
+    }
+}
+
 /// Pipeline of one of both ways.
 enum Draw {
     Raster(Pipeline),
@@ -133,30 +156,19 @@ pub struct PointsPass {
 pub const TARGET_BYTES_PER_PIXEL: u64 = 8;
 
 impl PointsPass {
-    /// Makes pipelines and targets for an image of `width` x `height`.
+    /// Makes pipelines, and targets for an image of `width` x `height`.
     ///
     /// # Errors
     /// When they do not fit the device.
     pub fn new(context: &Arc<Context>, geometry: PointGeometry, width: u32, height: u32) -> Result<Self> {
-        let (draw, target, resolve) = match geometry {
-            PointGeometry::Raster => {
-                let info = |name, format, usage| ImageInfo { name, width, height, levels: 1, format, usage };
-                let sampled = vk::ImageUsageFlags::SAMPLED;
-                let color = vk::ImageUsageFlags::COLOR_ATTACHMENT | sampled;
-                let depth = vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT | sampled;
-                let target = Target::Images {
-                    color: Image::new(context, info("point colour", vk::Format::R32_UINT, color))?,
-                    depth: Image::new(context, info("point depth", vk::Format::D32_SFLOAT, depth))?,
-                };
-                (Draw::Raster(raster_pipeline(context)?), target, "point_resolve/from_images.comp")
-            }
+        let (draw, resolve) = match geometry {
+            PointGeometry::Raster => (Draw::Raster(raster_pipeline(context)?), "point_resolve/from_images.comp"),
             PointGeometry::Atomics => {
-                let bytes = u64::from(width) * u64::from(height) * TARGET_BYTES_PER_PIXEL;
-                let keys = Buffer::with_texels(context, "point keys", bytes, vk::Format::R32G32_UINT)?;
                 let pipeline = ComputePipeline::new(context, "points/points.comp", &[])?;
-                (Draw::Atomics(pipeline), Target::Keys(keys), "point_resolve/from_keys.comp")
+                (Draw::Atomics(pipeline), "point_resolve/from_keys.comp")
             }
         };
+        let target = Target::new(context, geometry, width, height)?;
         Ok(Self {
             context: context.clone(),
             draw,
@@ -166,6 +178,32 @@ impl PointsPass {
         })
     }
 
+    /// Draws images of `width` x `height` from now on, of the points in `buffers`.
+    ///
+    /// # Errors
+    /// When they do not fit the device.
+    pub fn resize(&mut self, buffers: &mut [PointBuffer], width: u32, height: u32) -> Result<()> {
+        let geometry = match &self.draw {
+            Draw::Raster(_) => PointGeometry::Raster,
+            Draw::Atomics(_) => PointGeometry::Atomics,
+        };
+        self.target = Target::new(&self.context, geometry, width, height)?;
+        buffers.iter_mut().try_for_each(|points| {
+            points.set = self.bind(&points.buffer)?;
+            Ok(())
+        })
+    }
+
+    /// The set of the compute shader that draws points of a buffer.
+    fn bind(&self, buffer: &Buffer) -> Result<Option<DescriptorSet>> {
+        match (&self.draw, &self.target) {
+            (Draw::Atomics(pipeline), Target::Keys(keys)) => {
+                pipeline.bind(&Bindings::new().buffer("points", buffer).buffer("PointKeys", keys)).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
     /// Room for `count` points.
     ///
     /// # Errors
@@ -173,12 +211,7 @@ impl PointsPass {
     pub fn buffer(&self, count: usize) -> Result<PointBuffer> {
         let bytes = (count * size_of::<PackedPoint>()) as u64;
         let buffer = Buffer::with_texels(&self.context, "points", bytes, vk::Format::R32G32B32A32_UINT)?;
-        let set = match (&self.draw, &self.target) {
-            (Draw::Atomics(pipeline), Target::Keys(keys)) => {
-                Some(pipeline.bind(&Bindings::new().buffer("points", &buffer).buffer("PointKeys", keys))?)
-            }
-            _ => None,
-        };
+        let set = self.bind(&buffer)?;
         Ok(PointBuffer { buffer, set })
     }
 

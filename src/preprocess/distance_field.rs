@@ -1,8 +1,6 @@
 //! How far the surface of an object is, on a grid around it: what soft shadows are traced through.
 
-use glam::{UVec3, Vec3};
-use kiddo::{KdTree, SquaredEuclidean};
-use rayon::prelude::*;
+use glam::{IVec3, UVec3, Vec3};
 
 use crate::scene::Object;
 
@@ -29,27 +27,25 @@ const SPACING: f32 = 0.5;
 const MOST_SAMPLES: f32 = 2e6;
 
 impl DistanceField {
-    /// The field of an object, by samples of its surface; without a triangle, everything is far away.
+    /// The field of an object: samples of its surface give their distances to the grid points around them, which hand
+    /// the nearest sample on from neighbour to neighbour (Danielsson 1980).
     pub fn new(object: &Object) -> Self {
         let (low, high) = object.bounds();
-        let extent = (high - low).max_element().max(f32::MIN_POSITIVE);
-        let cell = extent / CELLS;
+        let cell = (high - low).max_element().max(f32::MIN_POSITIVE) / CELLS;
         let size = ((high - low) / cell + 2.0 * MARGIN).ceil().as_uvec3() + 1;
         let low = low - MARGIN * cell;
-        let mut samples: KdTree<f32, 3> = KdTree::new();
-        for sample in surface_samples(object, SPACING * cell) {
-            samples.add(&sample.to_array(), 0);
+        let samples = surface_samples(object, SPACING * cell);
+        let mut grid = Grid { low, cell, size: size.as_ivec3(), nearest: vec![None; size.element_product() as usize] };
+        for (index, sample) in samples.iter().enumerate() {
+            let corner = ((*sample - low) / cell).floor().as_ivec3();
+            for k in 0..8 {
+                grid.offer(corner + IVec3::new(k & 1, k >> 1 & 1, k >> 2), index as u32, &samples);
+            }
         }
-        let distances = (0..size.element_product())
-            .into_par_iter()
-            .map(|index| {
-                let at = UVec3::new(index % size.x, index / size.x % size.y, index / size.x / size.y);
-                let place = low + at.as_vec3() * cell;
-                match samples.size() {
-                    0 => f32::MAX,
-                    _ => samples.nearest_one::<SquaredEuclidean>(&place.to_array()).distance.sqrt(),
-                }
-            })
+        grid.sweep(&samples);
+        // Every grid point has heard of a sample by now.
+        let distances = (0..grid.nearest.len())
+            .map(|at| grid.nearest[at].map_or(f32::MAX, |index| grid.place(at).distance(samples[index as usize])))
             .collect();
         Self { low, cell, size, distances }
     }
@@ -71,6 +67,56 @@ impl DistanceField {
                 self.distances[((p.z * self.size.y + p.y) * self.size.x + p.x) as usize] * share.element_product()
             })
             .sum()
+    }
+}
+
+/// The nearest sample that each grid point knows of.
+struct Grid {
+    low: Vec3,
+    cell: f32,
+    size: IVec3,
+    nearest: Vec<Option<u32>>,
+}
+
+impl Grid {
+    fn index(&self, at: IVec3) -> Option<usize> {
+        let inside = at.min_element() >= 0 && at.cmplt(self.size).all();
+        inside.then(|| ((at.z * self.size.y + at.y) * self.size.x + at.x) as usize)
+    }
+
+    fn at(&self, index: usize) -> IVec3 {
+        let index = index as i32;
+        IVec3::new(index % self.size.x, index / self.size.x % self.size.y, index / self.size.x / self.size.y)
+    }
+
+    fn place(&self, index: usize) -> Vec3 {
+        self.low + self.at(index).as_vec3() * self.cell
+    }
+
+    /// Keeps a sample where it is nearer than what is known.
+    fn offer(&mut self, at: IVec3, sample: u32, samples: &[Vec3]) {
+        let Some(index) = self.index(at) else { return };
+        let place = self.place(index);
+        let distance2 = |sample: u32| samples[sample as usize].distance_squared(place);
+        if self.nearest[index].is_none_or(|known| distance2(sample) < distance2(known)) {
+            self.nearest[index] = Some(sample);
+        }
+    }
+
+    /// Hands samples on: forwards and backwards, each grid point looking at the half of its neighbours that came before.
+    fn sweep(&mut self, samples: &[Vec3]) {
+        let before: Vec<IVec3> = (0..13).map(|k| IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1)).collect();
+        for turn in 0..4 {
+            for step in 0..self.nearest.len() {
+                let (index, sign) = if turn % 2 == 0 { (step, 1) } else { (self.nearest.len() - 1 - step, -1) };
+                let at = self.at(index);
+                for side in &before {
+                    if let Some(sample) = self.index(at + *side * sign).and_then(|other| self.nearest[other]) {
+                        self.offer(at, sample, samples);
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -112,11 +158,5 @@ mod tests {
             let expected = (0.5 - radius).abs();
             assert!((found - expected).abs() < 0.6 * field.cell, "{found} instead of {expected} at {radius}");
         }
-    }
-
-    #[test]
-    fn an_object_without_extent_is_a_point() {
-        let object = Object::default();
-        assert!(DistanceField::new(&object).distances.iter().all(|d| *d == f32::MAX));
     }
 }

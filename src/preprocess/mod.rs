@@ -1,6 +1,8 @@
 //! Work on the CPU, once a scene: normals, spacing, the cloud's dynamic range, the hierarchy. Knows no GPU.
 
 mod clock;
+pub mod directional_light;
+pub mod distance_field;
 pub mod expansion;
 pub mod hierarchy;
 pub mod neighbours;

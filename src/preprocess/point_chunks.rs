@@ -4,6 +4,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::hierarchy::Hierarchy;
 use super::hierarchy::morton::Lattice;
 use crate::formats::color::pack_rgb9e5;
 use crate::scene::Cloud;
@@ -46,6 +47,22 @@ impl PointChunks {
     /// [`Error::Limit`] for more points than 32 bits count.
     pub fn new(cloud: &Cloud) -> Result<Self> {
         Self::from_points(&cloud.positions, &cloud.colors, &cloud.spacing)
+    }
+
+    /// The leaves of a hierarchy: all points where nothing was pruned.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more points than 32 bits count.
+    pub fn of_hierarchy(hierarchy: &Hierarchy) -> Result<Self> {
+        let leaves: Vec<usize> = (0..hierarchy.len()).filter(|&node| hierarchy.is_leaf(node)).collect();
+        let pick = |node: &usize| {
+            let [x, y, z, radius] = hierarchy.spheres[*node];
+            (Vec3::new(x, y, z), Vec3::from(hierarchy.colors[*node]), radius)
+        };
+        let positions: Vec<Vec3> = leaves.iter().map(|node| pick(node).0).collect();
+        let colors: Vec<Vec3> = leaves.iter().map(|node| pick(node).1).collect();
+        let spacing: Vec<f32> = leaves.iter().map(|node| pick(node).2).collect();
+        Self::from_points(&positions, &colors, &spacing)
     }
 
     /// The same from arrays of the same length; `spacing` may be empty.

@@ -9,7 +9,9 @@ use super::state::ViewState;
 use crate::Result;
 use crate::formats::cloud::{CloudOptions, Up};
 use crate::formats::{bsh, cloud, image, object};
+use crate::preprocess::distance_field::DistanceField;
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
+use crate::preprocess::point_chunks::PointChunks;
 use crate::scene::{FarField, Object};
 
 /// A part of a scene that a file is read for.
@@ -31,6 +33,10 @@ pub(super) struct Assets {
     /// What was subtracted from the cloud's coordinates.
     pub(super) origin: DVec3,
     pub(super) environment: Option<(PathBuf, Arc<FarField>)>,
+    /// The cloud's points.
+    pub(super) chunks: Option<Arc<PointChunks>>,
+    /// Distances to the object's surface.
+    pub(super) field: Option<Arc<DistanceField>>,
 }
 
 /// How far reading is.
@@ -47,12 +53,14 @@ impl Assets {
         if let Some(path) = wanted(&state.object, self.object.as_ref().map(|(path, _)| path)) {
             report(&format!("reading {}", name(path)), 0.1);
             let object = object::load(path).map_err(|e| (Part::Object, e))?;
+            self.field = Some(Arc::new(DistanceField::new(&object)));
             self.object = Some((path.clone(), Arc::new(object)));
             new.push(Part::Object);
         }
         let known = self.cloud.as_ref().filter(|(_, up, _)| *up == state.up).map(|(path, ..)| path);
         if let Some(path) = wanted(&state.cloud, known) {
-            let (hierarchy, origin) = self.load_cloud(path, state, report).map_err(|e| (Part::Cloud, e))?;
+            let (hierarchy, origin, chunks) = self.load_cloud(path, state, report).map_err(|e| (Part::Cloud, e))?;
+            self.chunks = Some(Arc::new(chunks));
             self.cloud = Some((path.clone(), state.up, Arc::new(hierarchy)));
             self.origin = origin;
             new.push(Part::Cloud);
@@ -74,11 +82,17 @@ impl Assets {
         Ok(new)
     }
 
-    fn load_cloud(&self, path: &Path, state: &ViewState, report: Report<'_>) -> Result<(Hierarchy, DVec3)> {
+    fn load_cloud(
+        &self,
+        path: &Path,
+        state: &ViewState,
+        report: Report<'_>,
+    ) -> Result<(Hierarchy, DVec3, PointChunks)> {
         report(&format!("reading {}", name(path)), 0.2);
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsh")) {
             let (hierarchy, info) = bsh::read_with_info(path)?;
-            return Ok((hierarchy, info.origin));
+            let chunks = PointChunks::of_hierarchy(&hierarchy)?;
+            return Ok((hierarchy, info.origin, chunks));
         }
         let towards = self.object.as_ref().map(|(_, object)| {
             let mut placement = state.placement;
@@ -91,7 +105,8 @@ impl Assets {
         let cloud = cloud::load(path, &CloudOptions { up: state.up, orient_towards: towards })?;
         report(&format!("building the hierarchy of {} points", cloud.len()), 0.6);
         let (hierarchy, _) = hierarchy::build(&cloud, &BuildOptions::default())?;
-        Ok((hierarchy, cloud.origin))
+        let chunks = PointChunks::new(&cloud)?;
+        Ok((hierarchy, cloud.origin, chunks))
     }
 
     /// Corners of the object's bounds in its own space.

@@ -8,20 +8,11 @@ use glam::DVec3;
 
 use crate::formats::cloud::Up;
 use crate::formats::scene_file::{self, CameraTable, DisplayTable, PlacementTable, RenderTable, SceneFile};
+use crate::formats::tone::ToneCurve;
 use crate::frames::points::PointDisplay;
 use crate::frames::{MaterialChoice, Quality, Settings, Technique};
 use crate::scene::{Placement, Viewpoint};
 use crate::{Error, Result};
-
-/// From linear radiance to what a screen shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ToneCurve {
-    /// The sRGB curve alone: what is brighter than white is white.
-    #[default]
-    Srgb,
-    /// A filmic shoulder before it (Narkowicz 2015, after ACES).
-    Filmic,
-}
 
 /// Enums with a name for each value.
 pub trait Named: Copy + PartialEq + Sized + 'static {
@@ -40,7 +31,8 @@ pub trait Named: Copy + PartialEq + Sized + 'static {
 }
 
 impl Named for ToneCurve {
-    const NAMES: &'static [(Self, &'static str)] = &[(Self::Srgb, "srgb"), (Self::Filmic, "filmic")];
+    const NAMES: &'static [(Self, &'static str)] =
+        &[(Self::Srgb, "srgb"), (Self::Filmic, "filmic"), (Self::Agx, "agx")];
 }
 
 impl Named for Option<PointDisplay> {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use glam::{DVec3, Vec3};
 
-use super::backdrop::backdrop;
+use super::backdrop::{Scan, composed};
 use super::develop::develop;
 use super::loader::{Assets, Part};
 use super::mailbox::{Command, Job, Mailbox, Request};
@@ -16,6 +16,8 @@ use super::pace::Pace;
 use super::renderers::Renderers;
 use super::state::ViewState;
 use crate::formats::image;
+use crate::formats::tone::ToneCurve;
+use crate::frames::composite::Composite;
 use crate::frames::{Frame, FrameStats, Technique};
 use crate::gpu::context::ValidationLog;
 use crate::gpu::reload::Reload;
@@ -30,8 +32,8 @@ const MOST_LOSSES: u32 = 3;
 /// Shader files are looked at this often.
 const SHADER_CHECK: Duration = Duration::from_millis(300);
 
-/// Writes a frame with its layers to an EXR file: frame, camera, stops.
-pub type WriteFrame = fn(&Path, &Frame, &Camera, f32) -> Result<()>;
+/// Writes a frame with its layers to an EXR file: frame, camera, the frame in its backdrop, stops, tone curve.
+pub type WriteFrame = fn(&Path, &Frame, &Camera, &Composite, f32, ToneCurve) -> Result<()>;
 
 /// How good a picture is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -185,6 +187,8 @@ struct Thread {
 struct Work {
     assets: Assets,
     renderers: Renderers,
+    context: Arc<Context>,
+    scan: Scan,
     request: Option<Request>,
     /// What the request still lacks.
     next: Option<Stage>,
@@ -202,6 +206,8 @@ struct Still {
     stage: Stage,
     frame: Frame,
     camera: Camera,
+    /// The frame in its backdrop.
+    picture: Composite,
 }
 
 impl Thread {
@@ -215,7 +221,9 @@ impl Thread {
             (self.send)(Message::Device(context.capabilities.name.clone(), log, context.why_no_feedback()));
             let mut work = Work {
                 assets,
-                renderers: Renderers::new(context),
+                renderers: Renderers::new(context.clone()),
+                context,
+                scan: Scan::default(),
                 next: None,
                 request: None,
                 last: None,
@@ -338,12 +346,19 @@ impl Thread {
                     }
                     _ => render()?,
                 };
-                Still { state: shown, size, stage, frame, camera }
+                let Work { scan, context, assets, .. } = work;
+                let moving = stage == Stage::Moving;
+                let points = scan.render(context, assets, &request.state, size, &camera, moving)?;
+                let picture = composed(assets, &frame, points.as_ref(), &camera);
+                Still { state: shown, size, stage, frame, camera, picture }
             }
         };
-        let Still { frame, .. } = &still;
-        let behind = backdrop(request.state.points, frame, &camera);
-        let rgba = develop(frame, behind.as_ref(), request.state.exposure, request.state.tone);
+        let Still { frame, picture, .. } = &still;
+        let rgba = develop(picture, frame.width, request.state.exposure, request.state.tone);
+        // Where the scan hides the object, it cannot be picked.
+        let seen =
+            |(position, object): (&[f32; 4], &f32)| [position[0], position[1], position[2], position[3] * object];
+        let position = frame.position.iter().zip(&picture.object).map(seen).collect();
         let ms = start.elapsed().as_secs_f64() * 1e3;
         if stage == Stage::Moving {
             work.pace.observe(ms);
@@ -355,7 +370,7 @@ impl Thread {
             width: frame.width,
             height: frame.height,
             rgba,
-            position: frame.position.clone(),
+            position,
             stats: frame.stats.clone(),
             ms,
         })));
@@ -388,6 +403,7 @@ impl Thread {
                         object_bounds: work.assets.object_bounds(),
                     })));
                     work.renderers.changed(&new);
+                    work.scan.changed();
                     work.last = None;
                 }
                 Ok(complete)
@@ -407,12 +423,11 @@ impl Thread {
             return;
         }
         for path in work.shots.drain(..) {
-            let Still { frame, camera, .. } = still;
-            let state = &request.state;
-            let behind = backdrop(state.points, frame, camera);
-            let rgba = develop(frame, behind.as_ref(), state.exposure, state.tone);
+            let Still { frame, camera, picture, .. } = still;
+            let ViewState { exposure, tone, .. } = request.state;
+            let rgba = develop(picture, frame.width, exposure, tone);
             let written = image::write_png(&path.with_extension("png"), frame.width, frame.height, &rgba)
-                .and_then(|()| (self.write_frame)(&path.with_extension("exr"), frame, camera, state.exposure));
+                .and_then(|()| (self.write_frame)(&path.with_extension("exr"), frame, camera, picture, exposure, tone));
             (self.send)(match written {
                 Ok(()) => Message::Saved(path),
                 Err(error) => Message::Status(error.to_string()),
