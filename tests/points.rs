@@ -221,8 +221,10 @@ fn both_geometry_passes_draw_the_same() {
         scene.renderer(&device, settings).render(&scene.view.camera).expect("a picture").color_depth
     };
     let (raster, atomics) = (draw(PointGeometry::Raster), draw(PointGeometry::Atomics));
-    // A rasteriser rounds places to parts of a pixel, so that points on a border may go either way.
-    let same = raster.iter().zip(&atomics).filter(|(a, b)| a == b).count();
+    // A rasteriser rounds places to parts of a pixel, so that points on a border may go either way, and depths a little
+    // otherwise.
+    let alike = |(a, b): &(&[f32; 4], &[f32; 4])| a[..3] == b[..3] && (a[3] - b[3]).abs() <= 1e-5 * a[3];
+    let same = raster.iter().zip(&atomics).filter(alike).count();
     assert!(same as f64 >= 0.99 * raster.len() as f64, "{same} of {} pixels", raster.len());
     assert_eq!(atomics, draw(PointGeometry::Atomics), "the same bytes again");
 }

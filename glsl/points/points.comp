@@ -1,5 +1,5 @@
 #version 460
-// One pixel a point by atomics on depth and colour (Schütz et al. 2021, Rendering Point Clouds with Compute Shaders and
+// One pixel a point by atomics on depth and colour (Schuetz et al. 2021, Rendering Point Clouds with Compute Shaders and
 // Vertex Order Optimization).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
