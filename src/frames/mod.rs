@@ -8,6 +8,7 @@ mod pixels;
 mod plan;
 pub mod points;
 mod renderer;
+mod scene;
 mod shared;
 mod tile_map;
 
@@ -17,7 +18,8 @@ use std::str::FromStr;
 use crate::gpu::Profile;
 pub use crate::passes::Paper;
 pub use crate::passes::convolve::MaterialChoice;
-pub use renderer::{CutPair, GpuScene, Renderer};
+pub use renderer::{CutPair, Renderer};
+pub use scene::GpuScene;
 
 /// How the cut of every pixel is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]

@@ -12,6 +12,7 @@ use super::batch::Coverage;
 use super::feedback::Feedback;
 use super::pixels::{PixelPasses, Shot, stop_sin2};
 use super::plan::Plan;
+use super::scene::GpuScene;
 use super::shared::Shared;
 use super::tile_map::pixel_place;
 use super::{Frame, FrameStats, MaterialChoice, Paper, Settings, Technique, feedback};
@@ -96,33 +97,6 @@ pub struct Renderer {
     nearest: Sampler,
     /// Ends a frame early once it is true.
     stop: Option<Arc<AtomicBool>>,
-}
-
-/// What a scan lights with, on the device: renderers of any settings can share it.
-#[derive(Clone)]
-pub struct GpuScene {
-    hierarchy: Arc<GpuHierarchy>,
-    far_field: Arc<GpuFarField>,
-    paper: Paper,
-    bytes: u64,
-}
-
-impl GpuScene {
-    /// Uploads a hierarchy and what lies beyond it, for renderings in the given ways of the paper.
-    ///
-    /// # Errors
-    /// [`Error::Limit`] where the scene does not fit the device.
-    pub fn new(
-        context: &Arc<Context>,
-        hierarchy: &Hierarchy,
-        far_field: Option<&FarField>,
-        paper: Paper,
-    ) -> Result<Self> {
-        let before = context.bytes_now();
-        let hierarchy = Arc::new(GpuHierarchy::new(context, hierarchy, paper)?);
-        let far_field = Arc::new(GpuFarField::new(context, far_field)?);
-        Ok(Self { hierarchy, far_field, paper, bytes: context.bytes_now() - before })
-    }
 }
 
 /// Buffers of narrow lobes.

@@ -30,8 +30,8 @@ pub fn orbit(camera: &Camera, dx: f32, dy: f32, height: f32) -> Camera {
 
 /// Turns the view about the eye: what is under the mouse stays there, near the picture's middle.
 pub fn look(camera: &Camera, dx: f32, dy: f32, height: f32) -> Camera {
-    let pixel = camera.fov_y / height;
-    let forward = turned(camera.basis().2, -pixel * dx, -pixel * dy);
+    let pixel = 2.0 * (0.5 * camera.fov_y).tan() / height;
+    let forward = turned(camera.basis().2, pixel * dx, pixel * dy);
     Camera { at: camera.from + forward * camera.at.distance(camera.from), ..*camera }
 }
 

@@ -6,6 +6,7 @@ pub mod camera_control;
 pub mod controller;
 mod develop;
 mod drag;
+mod files;
 mod loader;
 pub mod mailbox;
 pub mod pace;
