@@ -51,7 +51,7 @@ fn points(device: &Device, cloud: &Cloud, camera: &Camera, shadow: Option<(&Obje
 /// A ball that stands half behind a wall of points, which ends in the middle of the picture.
 fn half_hidden(device: &Device) -> (Frame, PointFrame, Camera, Cloud) {
     let mut cloud = Cloud::default();
-    sheet(&mut cloud, vec3(-3.0, -3.0, 0.5), Vec3::X * 3.0, Vec3::Y * 6.0, 0.02, vec3(0.1, 0.2, 0.9));
+    sheet(&mut cloud, vec3(-3.0, -3.0, 0.8), Vec3::X * 3.0, Vec3::Y * 6.0, 0.02, vec3(0.1, 0.2, 0.9));
     sheet(&mut cloud, vec3(-3.0, -3.0, -2.0), Vec3::X * 6.0, Vec3::Y * 6.0, 0.02, vec3(0.2, 0.8, 0.2));
     let camera = Camera { from: vec3(0.0, 0.0, 4.0), at: Vec3::ZERO, fov_y: 30_f32.to_radians() };
     let settings = Settings { material: MaterialChoice::Diffuse(0.7), width: SIZE, height: SIZE, ..common::settings() };
@@ -80,7 +80,8 @@ fn what_is_nearer_hides_what_is_behind() {
         behind += u32::from(x > SIZE / 2 + 1 && !object && is(0.2, 0.8, 0.2));
     }
     let half_ball = frame.rgba.iter().filter(|c| c[3] > 0.0).count() as u32 / 2;
-    assert_eq!(ball_left, 0, "the wall hides the ball's left half");
+    // The wall's points end up to a spacing short of its edge.
+    assert!(ball_left * 100 < half_ball, "the wall hides the ball's left half: {ball_left} of {half_ball} pixels");
     assert!(ball_right.abs_diff(half_ball) < half_ball / 8, "{ball_right} of {half_ball} pixels of the right half");
     assert!(wall > SIZE * SIZE * 48 / 100, "{wall} pixels of wall");
     assert!(behind > (SIZE * SIZE / 2 - half_ball) * 9 / 10, "{behind} pixels of ground");

@@ -286,7 +286,7 @@ fn a_renderer_that_changes_renders_as_a_new_one_does() {
     let hierarchy = build(&box_cloud(Vec3::ONE, 2000, |p, _| vec3(0.5, 0.4, 0.3) * (1.2 + p.y)));
     let scene = GpuScene::new(&device.0, &hierarchy, None, Paper::NONE).expect("a scene");
     let object = ball(0.2);
-    let moved = Placement { at: Some(vec3(0.2, -0.3, 0.1).into()), scale: 1.4, turn: 30.0 };
+    let moved = Placement { at: Some(vec3(0.2, -0.3, 0.1).into()), scale: 1.4, turn: 30.0, ..Placement::default() };
     let world = moved.world_from_object(glam::DVec3::ZERO);
     let camera = Camera::framing(vec3(0.2, -0.3, 0.1), 0.4);
     for technique in [Technique::Shared, Technique::Classic] {

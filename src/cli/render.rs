@@ -63,9 +63,12 @@ pub(super) struct Args {
     /// Scale about the object's own origin
     #[arg(long, value_name = "S", value_parser = values::positive, allow_hyphen_values = true, default_value = "1")]
     object_scale: f64,
-    /// Turn about +Y and the object's own origin, degrees
+    /// Turn about the object's own +Y and origin, degrees
     #[arg(long, value_name = "DEG", value_parser = values::finite, default_value = "0", allow_hyphen_values = true)]
     object_turn: f64,
+    /// Where the object's +Y points, for surfaces that are not level
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::direction, allow_hyphen_values = true, default_value = "0,1,0")]
+    object_up: DVec3,
     /// The cloud's up axis
     #[arg(long, value_enum, default_value_t = UpAxis::Y, allow_hyphen_values = true)]
     up: UpAxis,
@@ -349,7 +352,8 @@ fn pick_technique(args: &Args, context: &Context) -> Technique {
 
 /// The object's transform into the space of a cloud whose `origin` was subtracted.
 fn placement(args: &Args, origin: DVec3) -> Affine3A {
-    Placement { at: args.object_at, scale: args.object_scale, turn: args.object_turn }.world_from_object(origin)
+    let Args { object_at: at, object_scale: scale, object_turn: turn, object_up: up, .. } = *args;
+    Placement { at, scale, turn, up }.world_from_object(origin)
 }
 
 fn camera(args: &Args, object: &Object, origin: DVec3) -> Result<Camera> {

@@ -55,6 +55,7 @@ fn flags(state: &ViewState) -> Vec<(&'static str, OsString)> {
         ("--up", text(state.up.name().into())),
         ("--object-at", state.placement.at.map(|at| vector(at).into())),
         ("--object-scale", text(state.placement.scale.to_string())),
+        ("--object-up", text(vector(state.placement.up))),
         ("--object-turn", text(state.placement.turn.to_string())),
         ("--camera-from", viewpoint.map(|v| vector(v.from).into())),
         ("--camera-at", viewpoint.map(|v| vector(v.at).into())),

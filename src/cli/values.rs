@@ -28,6 +28,12 @@ pub(super) fn vector(text: &str) -> Result<DVec3, String> {
     }
 }
 
+/// `X,Y,Z` as [`vector`], but not zero.
+pub(super) fn direction(text: &str) -> Result<DVec3, String> {
+    let direction = vector(text)?;
+    if direction.length() > 1e-9 { Ok(direction) } else { Err(format!("{text:?} is no direction: its length is zero")) }
+}
+
 /// `WxH` with both at least 1, and no more pixels than memory could hold.
 pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || format!("{text:?} is not a size, WxH with both from 1 to 32768");

@@ -57,6 +57,9 @@ pub struct PlacementTable {
     /// Turn about +Y and the object's own origin, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn: Option<f64>,
+    /// Where the object's +Y points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub up: Option<[f64; 3]>,
 }
 
 /// `[camera]`
@@ -127,7 +130,12 @@ pub fn read(path: &Path) -> Result<SceneFile> {
         *file = folder.join(&file);
     }
     let SceneFile { placement, camera, display, .. } = &scene;
-    let vectors = [("placement.at", placement.at), ("camera.from", camera.from), ("camera.at", camera.at)];
+    let vectors = [
+        ("placement.at", placement.at),
+        ("placement.up", placement.up),
+        ("camera.from", camera.from),
+        ("camera.at", camera.at),
+    ];
     let numbers = [
         ("placement.scale", placement.scale),
         ("placement.turn", placement.turn),

@@ -98,7 +98,7 @@ impl Default for ViewState {
             material: MaterialChoice::File,
             exposure: 0.0,
             tone: ToneCurve::default(),
-            points: None,
+            points: Some(PointDisplay::default()),
             size: None,
         }
     }
@@ -181,6 +181,10 @@ impl ViewState {
                 at: vector("placement.at", placement.at)?,
                 scale: number("placement.scale", placement.scale, 1.0 / LARGEST, LARGEST, 1.0)?,
                 turn: number("placement.turn", placement.turn, -LARGEST, LARGEST, 0.0)?,
+                up: match vector("placement.up", placement.up)? {
+                    Some(up) if up.length() <= 1e-9 => return Err("placement.up has no length".into()),
+                    up => up.unwrap_or(DVec3::Y),
+                },
             },
             viewpoint,
             quality: parsed("render.quality", render.quality.as_deref())?.unwrap_or_default(),
@@ -205,6 +209,7 @@ impl ViewState {
                 at: self.placement.at.map(|at| at.to_array()),
                 scale: Some(self.placement.scale),
                 turn: Some(self.placement.turn),
+                up: Some(self.placement.up.to_array()),
             },
             camera: self.viewpoint.map_or_else(CameraTable::default, |v| CameraTable {
                 from: Some(v.from.to_array()),
@@ -258,7 +263,12 @@ mod tests {
         let path = folder.path().join("scene.toml");
         let state = ViewState {
             cloud: Some("/no/such/room.ply".into()),
-            placement: Placement { at: Some(DVec3::new(0.1, 1.0 / 3.0, -4e6)), scale: 0.3, turn: -77.7 },
+            placement: Placement {
+                at: Some(DVec3::new(0.1, 1.0 / 3.0, -4e6)),
+                scale: 0.3,
+                turn: -77.7,
+                up: DVec3::new(0.0, 0.8, 0.6),
+            },
             viewpoint: Some(Viewpoint { from: DVec3::new(1.0, 0.2, 1e-7), at: DVec3::ONE * 0.7, fov: 40.0 }),
             technique: Some(Technique::Hybrid),
             microbuffer: Some(12),
