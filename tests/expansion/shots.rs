@@ -1,7 +1,7 @@
 //! Cubemaps of a cloud.
 
 use glam::{Vec2, Vec3, Vec3Swizzles, vec3};
-use relume::preprocess::expansion::shots::{FACES, NO_POINT, Shot, direction, project};
+use relume::preprocess::expansion::shots::{FACES, NO_POINT, Shot, ShotsBy, direction, project};
 use relume::preprocess::spacing;
 use relume::scene::Cloud;
 
@@ -63,7 +63,7 @@ fn places_and_directions_are_inverses() {
 #[test]
 fn a_closed_surface_has_no_holes() {
     let holes = |cloud: &Cloud| {
-        let shot = Shot::take(cloud, EYE, SIZE);
+        let shot = Shot::take(cloud, EYE, SIZE, ShotsBy::Splats);
         let seen = (0..cloud.len()).filter(|&n| shot.sees(cloud.positions[n], cloud.spacing[n]).is_some()).count();
         assert!(seen as f32 > 0.999 * cloud.len() as f32, "{seen} of {} points are seen", cloud.len());
         shot.faces.iter().flat_map(|face| &face.point).filter(|&&point| point == NO_POINT).count()
@@ -78,8 +78,17 @@ fn a_closed_surface_has_no_holes() {
 
 #[test]
 fn points_are_where_they_are_seen() {
+    are_where_they_are_seen(ShotsBy::Splats, 0.01, 3.0);
+    // Holes are filled from as far as the pyramid has found something.
+    are_where_they_are_seen(ShotsBy::Points, 0.02, 8.0);
+}
+
+/// Every pixel's point lies at most `reach` spacings from it, and at most the given share of pixels has none.
+fn are_where_they_are_seen(by: ShotsBy, holes: f32, reach: f32) {
     let cloud = cube(100, false);
-    let shot = Shot::take(&cloud, EYE, SIZE);
+    let shot = Shot::take(&cloud, EYE, SIZE, by);
+    let empty = shot.faces.iter().flat_map(|face| &face.point).filter(|point| **point == NO_POINT).count();
+    assert!(empty as f32 <= holes * (6 * SIZE * SIZE) as f32, "{by:?}: {empty} pixels show nothing");
     for (face, pixels) in shot.faces.iter().enumerate() {
         assert_eq!((pixels.point.len(), pixels.depth.len()), ((SIZE * SIZE) as usize, (SIZE * SIZE) as usize));
         for (n, (&point, &depth)) in pixels.point.iter().zip(&pixels.depth).enumerate() {
@@ -90,15 +99,20 @@ fn points_are_where_they_are_seen() {
             let ray = direction(face, at, SIZE).normalize();
             let (position, spacing) = (cloud.positions[point as usize], cloud.spacing[point as usize]);
             let off = (position - EYE).reject_from_normalized(ray).length();
-            assert!(off < 3.0 * spacing.max(depth * 2.0 / SIZE as f32), "pixel {at} shows a point {off} m beside it");
+            assert!(off < reach * spacing.max(depth * 2.0 / SIZE as f32), "pixel {at} shows a point {off} m beside it");
             let expected = (position - EYE).dot(FACES[face].z_axis);
-            assert!((depth - expected).abs() < 3.0 * spacing + 0.01 * depth, "{at}: depth {depth}, not {expected}");
+            assert!((depth - expected).abs() < reach * spacing + 0.01 * depth, "{at}: depth {depth}, not {expected}");
         }
     }
 }
 
 #[test]
 fn what_stands_behind_is_not_seen() {
+    is_not_seen_behind(ShotsBy::Splats);
+    is_not_seen_behind(ShotsBy::Points);
+}
+
+fn is_not_seen_behind(by: ShotsBy) {
     let mut cloud = cube(100, false);
     let walls = cloud.len();
     // A screen of 0.6 x 0.6 metres half way to +X; from the origin it hides 1.2 x 1.2 metres of the wall.
@@ -108,7 +122,7 @@ fn what_stands_behind_is_not_seen() {
         cloud.colors.push(Vec3::ONE);
         cloud.spacing.push(0.011);
     }
-    let shot = Shot::take(&cloud, Vec3::ZERO, SIZE);
+    let shot = Shot::take(&cloud, Vec3::ZERO, SIZE, by);
     let (mut hidden, mut open) = (0, 0);
     for n in 0..cloud.len() {
         let (position, spacing) = (cloud.positions[n], cloud.spacing[n]);
@@ -136,20 +150,24 @@ fn what_stands_behind_is_not_seen() {
 #[test]
 fn threads_change_nothing() {
     let cloud = cube(100, false);
-    let run = |threads| {
-        let shot = on_threads(threads, || Shot::take(&cloud, EYE, SIZE));
+    let run = |threads, by| {
+        let shot = on_threads(threads, || Shot::take(&cloud, EYE, SIZE, by));
         let depths = |shot: &Shot, n: usize| shot.faces[n].depth.iter().map(|d| d.to_bits()).collect::<Vec<_>>();
         (0..6).map(|n| (shot.faces[n].point.clone(), depths(&shot, n))).collect::<Vec<_>>()
     };
-    let one = run(1);
-    assert!(one == run(2) && one == run(3));
+    for by in [ShotsBy::Splats, ShotsBy::Points] {
+        let one = run(1, by);
+        assert!(one == run(2, by) && one == run(3, by));
+    }
 }
 
 #[test]
 fn nothing_and_one_point() {
-    let shot = Shot::take(&Cloud::default(), Vec3::ZERO, 32);
-    assert!(shot.faces.iter().all(|face| face.point.iter().all(|&point| point == NO_POINT)));
-    assert!(shot.faces.iter().all(|face| face.depth.iter().all(|&depth| depth == f32::INFINITY)));
+    for by in [ShotsBy::Splats, ShotsBy::Points] {
+        let shot = Shot::take(&Cloud::default(), Vec3::ZERO, 32, by);
+        assert!(shot.faces.iter().all(|face| face.point.iter().all(|&point| point == NO_POINT)));
+        assert!(shot.faces.iter().all(|face| face.depth.iter().all(|&depth| depth == f32::INFINITY)));
+    }
     let one = |position: Vec3| Cloud {
         positions: vec![position],
         normals: vec![Vec3::Y],
@@ -158,10 +176,12 @@ fn nothing_and_one_point() {
         ..Cloud::default()
     };
     // Far away it still has a pixel; in the eye it has none.
-    let count = |cloud: &Cloud| {
-        let faces = Shot::take(cloud, Vec3::ZERO, 32).faces;
+    let count = |cloud: &Cloud, by| {
+        let faces = Shot::take(cloud, Vec3::ZERO, 32, by).faces;
         faces.iter().flat_map(|face| &face.point).filter(|&&point| point == 0).count()
     };
-    assert!((1..=4).contains(&count(&one(vec3(3.0, 1000.0, 5.0)))));
-    assert_eq!(count(&one(Vec3::ZERO)), 0);
+    for by in [ShotsBy::Splats, ShotsBy::Points] {
+        assert!((1..=4).contains(&count(&one(vec3(3.0, 1000.0, 5.0)), by)));
+        assert_eq!(count(&one(Vec3::ZERO), by), 0);
+    }
 }

@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::scenes::{Scene, exposure, low};
+use crate::cli::expand::ShotsByName;
 use crate::cli::output::say;
 use crate::cli::{expand, render, stage, values};
 use crate::compare::{self, Image, Metrics, Tile, contact_sheet, to_srgb8};
@@ -36,6 +37,9 @@ pub(in crate::cli) struct Args {
     /// Pixels along a side of a shot's faces
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(32..=4096))]
     shot_size: u32,
+    /// How shots are rendered
+    #[arg(long, value_enum, default_value_t = ShotsByName::Splats)]
+    shots_by: ShotsByName,
     /// Write all numbers here
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -133,7 +137,8 @@ fn evaluate(context: &Arc<Context>, scene: &Scene, args: &Args) -> Result<Vec<Ro
     let mut found: Option<(Option<f32>, Vec<Vec3>)> = None;
     let mut results = vec![("LDR".to_owned(), low.colors.clone())];
     for (name, strategy, transfer) in methods() {
-        let mut options = Options { strategy, transfer, shot_size: args.shot_size, ..Options::default() };
+        let (shot_size, shots_by) = (args.shot_size, args.shots_by.into());
+        let mut options = Options { strategy, transfer, shot_size, shots_by, ..Options::default() };
         if let Some((alpha, places)) = &found {
             options.alpha = *alpha;
             options.places = Places::At(places.clone());

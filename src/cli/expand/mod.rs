@@ -15,7 +15,7 @@ use crate::formats::cloud::{CloudOptions, load_with_source};
 use crate::formats::expanded::{self, Expanded};
 use crate::formats::image::read_photo;
 use crate::preprocess::expansion::network::Network;
-use crate::preprocess::expansion::{Expansion, Inputs, Options, Origin, Places, Strategy, Transfer, expand};
+use crate::preprocess::expansion::{Expansion, Inputs, Options, Origin, Places, ShotsBy, Strategy, Transfer, expand};
 use crate::{Error, Result};
 
 #[derive(Debug, clap::Args)]
@@ -43,6 +43,9 @@ pub(super) struct Args {
     /// Pixels along a side of a shot's faces
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(32..=4096))]
     shot_size: u32,
+    /// How shots are rendered
+    #[arg(long, value_enum, default_value_t = ShotsByName::Splats)]
+    shots_by: ShotsByName,
     /// Points of a larger luminance are over-exposed (t_l); 1 is the LDR white
     #[arg(long, value_name = "T", default_value = "0.9", value_parser = values::share)]
     threshold: f64,
@@ -90,6 +93,23 @@ impl StrategyName {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(in crate::cli) enum ShotsByName {
+    /// Points as discs in their tangent planes
+    Splats,
+    /// Points of a pixel each, and pyramids that make a surface of them
+    Points,
+}
+
+impl From<ShotsByName> for ShotsBy {
+    fn from(name: ShotsByName) -> Self {
+        match name {
+            ShotsByName::Splats => Self::Splats,
+            ShotsByName::Points => Self::Points,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum TransferName {
     /// Colour and all
     Rgb,
@@ -130,6 +150,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             ShotPlaces::At(places) => Places::At(places.into_iter().map(|at| (at - cloud.origin).as_vec3()).collect()),
         },
         shot_size: args.shot_size,
+        shots_by: args.shots_by.into(),
         threshold: args.threshold as f32,
         match_threshold: args.match_threshold as f32,
         seed: args.seed,

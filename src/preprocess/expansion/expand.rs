@@ -206,7 +206,10 @@ impl Run<'_> {
         let count = self.report.shots.len();
         for index in 0..count {
             let eye = self.report.shots[index];
-            let shot = self.timed("shots", |run| Shot::take(cloud, eye, run.options.shot_size));
+            let shot = self.timed("shots", |run| {
+                let Options { shot_size, shots_by, .. } = *run.options;
+                Shot::take(cloud, eye, shot_size, shots_by)
+            });
             let faces =
                 self.timed("expansion", |run| run.expand_shot(&shot, over, exposed.as_ref(), network, index))?;
             self.timed("projection", |_| gathered.add(cloud, &shot, &faces));

@@ -11,6 +11,7 @@ mod matching;
 pub mod network;
 pub mod patchmatch;
 mod places;
+mod point_shots;
 pub mod poisson;
 pub mod pyramid;
 pub mod registration;
@@ -23,6 +24,7 @@ pub mod tone;
 use glam::Vec3;
 
 pub use expand::expand;
+pub use shots::ShotsBy;
 
 use crate::scene::{Cloud, Picture};
 
@@ -115,6 +117,8 @@ pub struct Options {
     pub places: Places,
     /// Pixels along a side of a shot's faces.
     pub shot_size: u32,
+    /// How they are rendered.
+    pub shots_by: ShotsBy,
     /// t_l: points of a larger luminance are over-exposed.
     pub threshold: f32,
     /// t_h: matches of a larger cost are no matches.
@@ -137,6 +141,7 @@ impl Default for Options {
             alpha: None,
             places: Places::Auto(3),
             shot_size: 1024,
+            shots_by: ShotsBy::default(),
             threshold: 0.9,
             match_threshold: 1.0,
             neighbours: poisson::DEFAULT_NEIGHBOURS,

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::point_shots;
 use crate::scene::Cloud;
 
 /// What no splat covers.
@@ -63,6 +64,16 @@ pub fn direction(face: usize, at: Vec2, size: u32) -> Vec3 {
     FACES[face] * ((at - half) / half).extend(1.0)
 }
 
+/// How shots are rendered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ShotsBy {
+    /// Points as discs in their tangent planes.
+    #[default]
+    Splats,
+    /// Points of a pixel each, and the operators that make a surface of them (Bouchiba et al. 2018).
+    Points,
+}
+
 /// A cubemap of the cloud from one place.
 #[derive(Clone, Debug)]
 pub struct Shot {
@@ -85,8 +96,12 @@ pub struct Face {
 
 impl Shot {
     /// Takes a shot.
-    pub fn take(cloud: &Cloud, eye: Vec3, size: u32) -> Self {
+    pub fn take(cloud: &Cloud, eye: Vec3, size: u32, by: ShotsBy) -> Self {
         let pane = |axes| Pane { eye, axes, size: [size; 2], focal: 0.5 * size as f32 };
+        let render = match by {
+            ShotsBy::Splats => render,
+            ShotsBy::Points => point_shots::render,
+        };
         let faces = FACES.iter().map(|&axes| render(cloud, &pane(axes))).collect();
         Self { eye, size, faces }
     }
