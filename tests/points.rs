@@ -234,7 +234,9 @@ fn the_operators_do_what_the_plain_ones_do() {
     let device = Device::new();
     for (width, height) in [(161, 97), (64, 64), (1, 1), (3, 200)] {
         for scene in [Scene::room(60_000, (width, height)), Scene::street(60_000, (width, height))] {
-            let mut renderer = scene.renderer(&device, scene.settings());
+            // A rasteriser would round places to parts of a pixel.
+            let settings = PointSettings { geometry: Some(PointGeometry::Atomics), ..scene.settings() };
+            let mut renderer = scene.renderer(&device, settings);
             renderer.classify(&scene.view.camera, &mut Profile::default()).expect("a mask");
             let expected = plain::project(&scene.positions, &scene.view);
             let points = renderer.images().points().expect("points");

@@ -9,4 +9,5 @@ pub mod neighbours;
 pub mod normals;
 pub mod panorama_room;
 pub mod point_chunks;
+pub mod simplify;
 pub mod spacing;

@@ -14,7 +14,7 @@ use crate::gpu::Context;
 use crate::scene::{Camera, Placement};
 
 /// Points in pictures of things that move.
-const QUICK_POINTS: u64 = 2_000_000;
+const QUICK_POINTS: u64 = 100_000;
 
 /// The scan on the device, from the first time that it is shown on.
 #[derive(Default)]

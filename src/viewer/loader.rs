@@ -12,7 +12,11 @@ use crate::formats::{bsh, cloud, image, object};
 use crate::preprocess::distance_field::DistanceField;
 use crate::preprocess::hierarchy::{self, BuildOptions, Hierarchy};
 use crate::preprocess::point_chunks::PointChunks;
+use crate::preprocess::simplify::simplify;
 use crate::scene::{FarField, Object};
+
+/// Triangles of an object in pictures of things that move.
+const QUICK_TRIANGLES: usize = 12_000;
 
 /// A part of a scene that a file is read for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +39,8 @@ pub(super) struct Assets {
     pub(super) environment: Option<(PathBuf, Arc<FarField>)>,
     /// The cloud's points.
     pub(super) chunks: Option<Arc<PointChunks>>,
+    /// The object with fewer triangles, for pictures of things that move.
+    pub(super) simple_object: Option<Arc<Object>>,
     /// Distances to the object's surface.
     pub(super) field: Option<Arc<DistanceField>>,
 }
@@ -54,6 +60,7 @@ impl Assets {
             report(&format!("reading {}", name(path)), 0.1);
             let object = object::load(path).map_err(|e| (Part::Object, e))?;
             self.field = Some(Arc::new(DistanceField::new(&object)));
+            self.simple_object = Some(Arc::new(simplify(&object, QUICK_TRIANGLES)));
             self.object = Some((path.clone(), Arc::new(object)));
             new.push(Part::Object);
         }

@@ -1,7 +1,8 @@
 //! Holds the frame rate while things move: pictures get coarser when they take too long, and finer when there is time.
 
-/// One pixel of a moving picture is this many of the window, along each side.
-const DIVISORS: [u32; 6] = [1, 2, 3, 4, 6, 8];
+/// One pixel of a moving picture is this many of the window, along each side. What is coarser shows little and saves
+/// little: most of such a picture's time goes with vertices, points and passes.
+const DIVISORS: [u32; 4] = [1, 2, 3, 4];
 /// A moving picture may take so long, milliseconds: 15 a second, and some time for the window.
 const BUDGET_MS: f64 = 50.0;
 /// A finer picture must be expected to take less than this part of it.

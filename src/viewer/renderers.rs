@@ -24,9 +24,11 @@ pub(super) struct Renderers {
     scene: Option<GpuScene>,
     quick: Option<Slot>,
     good: Option<Slot>,
-    /// The object's vertices, and for which place.
-    placed: Option<(Placement, DVec3, Vec<Vertex>)>,
+    /// The simpler object's vertices and the object's own, and for which place.
+    placed: [Option<Placed>; 2],
 }
+
+type Placed = (Placement, DVec3, Vec<Vertex>);
 
 struct Slot {
     renderer: Renderer,
@@ -36,14 +38,14 @@ struct Slot {
 
 impl Renderers {
     pub(super) fn new(context: Arc<Context>) -> Self {
-        Self { context, scene: None, quick: None, good: None, placed: None }
+        Self { context, scene: None, quick: None, good: None, placed: [None, None] }
     }
 
     /// Other files are loaded.
     pub(super) fn changed(&mut self, parts: &[Part]) {
         (self.quick, self.good) = (None, None);
         if parts.contains(&Part::Object) || parts.contains(&Part::Cloud) {
-            self.placed = None;
+            self.placed = [None, None];
         }
         if parts.contains(&Part::Environment) || parts.contains(&Part::Cloud) {
             self.scene = None;
@@ -52,15 +54,18 @@ impl Renderers {
 
     /// Makes all pipelines again, or keeps all that there are.
     pub(super) fn rebuild(&mut self, assets: &Assets) -> Result<()> {
-        let (Some(scene), Some((_, object))) = (&self.scene, &assets.object) else { return Ok(()) };
-        let again = |slot: &Option<Slot>| -> Result<Option<Slot>> {
+        let (Some(scene), Some((_, object)), Some(simple)) = (&self.scene, &assets.object, &assets.simple_object)
+        else {
+            return Ok(());
+        };
+        let again = |slot: &Option<Slot>, object: &Arc<Object>| -> Result<Option<Slot>> {
             let Some(Slot { renderer, placement }) = slot else { return Ok(None) };
             let object = Object::clone(object).transformed(placement.0.world_from_object(placement.1));
             let settings = made_for(renderer.settings());
             let renderer = Renderer::with_scene(&self.context, scene, &object, settings)?;
             Ok(Some(Slot { renderer, placement: *placement }))
         };
-        (self.quick, self.good) = (again(&self.quick)?, again(&self.good)?);
+        (self.quick, self.good) = (again(&self.quick, simple)?, again(&self.good, object)?);
         Ok(())
     }
 
@@ -74,13 +79,16 @@ impl Renderers {
         camera: &Camera,
         stop: Option<Arc<AtomicBool>>,
     ) -> Result<Frame> {
-        let (Some((_, object)), Some((_, _, hierarchy))) = (&assets.object, &assets.cloud) else {
+        let finished = stage == Stage::Finished;
+        let own = assets.object.as_ref().map(|(_, object)| object);
+        let object = if finished { own } else { assets.simple_object.as_ref() };
+        let (Some(object), Some((_, _, hierarchy))) = (object, &assets.cloud) else {
             return Err(Error::Argument("a view needs a cloud and an object".into()));
         };
         let settings = settings(state, stage, self.context.why_no_feedback().is_none());
         let far_field = assets.environment.as_ref().map(|(_, far_field)| far_field.as_ref());
         let place = (state.placement, assets.origin);
-        let vertices = match &mut self.placed {
+        let vertices = match &mut self.placed[usize::from(finished)] {
             Some((placement, origin, vertices)) if (*placement, *origin) == place => vertices,
             placed => {
                 let vertices = object.transformed_vertices(place.0.world_from_object(place.1));
@@ -94,7 +102,7 @@ impl Renderers {
                 self.scene.insert(scene).clone()
             }
         };
-        let slot = if stage == Stage::Finished { &mut self.good } else { &mut self.quick };
+        let slot = if finished { &mut self.good } else { &mut self.quick };
         let fits = slot.as_mut().is_some_and(|slot| suits(&mut slot.renderer, &settings));
         if !fits {
             // Memory of the old one is free before the new one takes its own.

@@ -338,7 +338,7 @@ impl Thread {
                 let stop = (stage != Stage::Moving).then(|| self.mailbox.stop());
                 let Work { renderers, assets, .. } = work;
                 let render = || renderers.render(assets, &request.state, stage, size, &camera, stop);
-                let frame = match &mut self.capture {
+                let mut frame = match &mut self.capture {
                     Ok(capture) if std::mem::take(&mut work.capture) => {
                         let (frame, file) = capture.frame(render)?;
                         (self.send)(Message::Status(format!("{} is captured", file.display())));
@@ -350,6 +350,9 @@ impl Thread {
                 let moving = stage == Stage::Moving;
                 let points = scan.render(context, assets, &request.state, size, &camera, moving)?;
                 let picture = composed(assets, &frame, points.as_ref(), &camera);
+                if let Some(points) = &points {
+                    frame.stats.profile.add(&points.profile);
+                }
                 Still { state: shown, size, stage, frame, camera, picture }
             }
         };
