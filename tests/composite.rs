@@ -183,7 +183,7 @@ fn render_puts_the_object_into_the_scan() {
     let picture = image::read_rgba_exr(&path("points.exr")).expect("an image");
     let floor = picture.rgb[44 * 64 + 4];
     assert!(floor.x > 2.0 * floor.y && floor.y > floor.z, "the floor's colour: {floor}");
-    let layers = exr::meta::MetaData::read_from_file(&path("points.exr"), false).expect("a header");
+    let layers = exr::meta::MetaData::read_from_file(path("points.exr"), false).expect("a header");
     let names: Vec<String> = layers.headers[0].channels.list.iter().map(|c| c.name.to_string()).collect();
     for name in ["R", "object.R", "object.A", "backdrop.B", "Z"] {
         assert!(names.iter().any(|n| n == name), "{name} in {names:?}");

@@ -22,8 +22,8 @@ const QUICK_PARALLAX: f64 = 2.0;
 pub(super) struct Renderers {
     context: Arc<Context>,
     scene: Option<GpuScene>,
-    quick: Option<Slot>,
-    good: Option<Slot>,
+    /// By stage.
+    slots: [Option<Slot>; 3],
     /// The simpler object's vertices and the object's own, and for which place.
     placed: [Option<Placed>; 2],
 }
@@ -38,12 +38,12 @@ struct Slot {
 
 impl Renderers {
     pub(super) fn new(context: Arc<Context>) -> Self {
-        Self { context, scene: None, quick: None, good: None, placed: [None, None] }
+        Self { context, scene: None, slots: [None, None, None], placed: [None, None] }
     }
 
     /// Other files are loaded.
     pub(super) fn changed(&mut self, parts: &[Part]) {
-        (self.quick, self.good) = (None, None);
+        self.slots = [None, None, None];
         if parts.contains(&Part::Object) || parts.contains(&Part::Cloud) {
             self.placed = [None, None];
         }
@@ -65,7 +65,8 @@ impl Renderers {
             let renderer = Renderer::with_scene(&self.context, scene, &object, settings)?;
             Ok(Some(Slot { renderer, placement: *placement }))
         };
-        (self.quick, self.good) = (again(&self.quick, simple)?, again(&self.good, object)?);
+        let [moving, draft, finished] = &self.slots;
+        self.slots = [again(moving, simple)?, again(draft, object)?, again(finished, object)?];
         Ok(())
     }
 
@@ -79,16 +80,16 @@ impl Renderers {
         camera: &Camera,
         stop: Option<Arc<AtomicBool>>,
     ) -> Result<Frame> {
-        let finished = stage == Stage::Finished;
+        let moving = stage == Stage::Moving;
         let own = assets.object.as_ref().map(|(_, object)| object);
-        let object = if finished { own } else { assets.simple_object.as_ref() };
+        let object = if moving { assets.simple_object.as_ref() } else { own };
         let (Some(object), Some((_, _, hierarchy))) = (object, &assets.cloud) else {
             return Err(Error::Argument("a view needs a cloud and an object".into()));
         };
         let settings = settings(state, stage, self.context.why_no_feedback().is_none());
         let far_field = assets.environment.as_ref().map(|(_, far_field)| far_field.as_ref());
         let place = (state.placement, assets.origin);
-        let vertices = match &mut self.placed[usize::from(finished)] {
+        let vertices = match &mut self.placed[usize::from(!moving)] {
             Some((placement, origin, vertices)) if (*placement, *origin) == place => vertices,
             placed => {
                 let vertices = object.transformed_vertices(place.0.world_from_object(place.1));
@@ -102,7 +103,7 @@ impl Renderers {
                 self.scene.insert(scene).clone()
             }
         };
-        let slot = if finished { &mut self.good } else { &mut self.quick };
+        let slot = &mut self.slots[stage as usize];
         let fits = slot.as_mut().is_some_and(|slot| suits(&mut slot.renderer, &settings));
         if !fits {
             // Memory of the old one is free before the new one takes its own.
