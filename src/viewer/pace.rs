@@ -116,14 +116,14 @@ mod tests {
         assert_eq!(settles(5.0, 120.0), (2, 0));
         assert_eq!(settles(10.0, 300.0), (3, 0));
         assert_eq!(settles(30.0, 60.0), (2, 0), "most of the time does not go with the pixels");
-        assert_eq!(settles(500.0, 1e5).0, 8, "no coarser than there is");
+        assert_eq!(settles(500.0, 1e5).0, 4, "no coarser than there is");
     }
 
     #[test]
     fn sizes_are_never_empty() {
         let mut pace = Pace::default();
         (0..20).for_each(|_| pace.observe(1e4));
-        assert_eq!(pace.size([640, 360]), [80, 45]);
+        assert_eq!(pace.size([640, 360]), [160, 90]);
         assert_eq!(pace.size([1, 3]), [1, 1]);
     }
 }
