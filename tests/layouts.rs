@@ -85,7 +85,6 @@ fn push_constants() -> [Struct; 5] {
             down as "down",
             spacing as "spacing",
             forward as "forward",
-            exposure as "exposure",
             width as "width",
             height as "height",
             level as "level",

@@ -5,7 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared/point_view.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer shaded_in; // colour, depth
 layout(binding = 1) uniform samplerBuffer shaded_normals_in;

@@ -1,7 +1,7 @@
 // What the operators of hidden point removal share (Bouchiba et al. 2018, 3.1.2; Pintus et al. 2011).
 #include "shared/point_view.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer point_levels;
 layout(binding = 1, rgba32f) uniform writeonly imageBuffer filled_out;

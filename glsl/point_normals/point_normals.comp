@@ -4,7 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared/point_view.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer filled;
 layout(binding = 1, r32ui) uniform writeonly uimageBuffer point_normals_out; // x and y in view space; z is negative

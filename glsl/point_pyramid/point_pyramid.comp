@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared/point_view.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer point_levels;
 layout(binding = 1, rgba32f) uniform writeonly imageBuffer point_levels_out;

@@ -1,7 +1,7 @@
 // Level 0 of the point pyramid (Bouchiba et al. 2018, 3.1.1): positions in view space; z is 0 where there is no point.
 #include "shared/point_view.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 2, rgba32f) uniform writeonly imageBuffer point_levels_out;
 layout(binding = 3, r32ui) uniform writeonly uimageBuffer point_colors_out;

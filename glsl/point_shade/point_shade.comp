@@ -5,7 +5,7 @@
 #include "shared/point_view.glsl"
 #include "common/rgb9e5.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer point_levels;
 layout(binding = 1) uniform usamplerBuffer point_colors;
@@ -114,7 +114,6 @@ void main() {
             result = vec4(color, surface.z);
         }
     }
-    result.rgb *= point_view.exposure;
     imageStore(shaded, int(index), result);
     imageStore(shaded_normals, int(index), normal_world);
 }

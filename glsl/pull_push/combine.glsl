@@ -3,7 +3,7 @@
 #include "shared/point_view.glsl"
 #include "common/rgb9e5.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(binding = 0) uniform samplerBuffer filled; // position in view space and weight; weight -1 is the background
 layout(binding = 1) uniform usamplerBuffer filled_colors;

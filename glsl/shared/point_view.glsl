@@ -8,7 +8,6 @@ layout(push_constant) uniform PointView {
     vec3 down;
     float spacing; // s_0, metres
     vec3 forward;
-    float exposure; // factor on colours
     uint width; // of the image
     uint height;
     uint level; // that the pass writes

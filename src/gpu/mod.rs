@@ -5,6 +5,7 @@ mod clock;
 #[cfg(feature = "hot-reload")]
 pub mod compile;
 pub mod context;
+pub(crate) mod graphics;
 pub mod memory;
 pub mod pipeline;
 pub mod recorder;

@@ -8,9 +8,9 @@ use glam::Mat4;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::gpu::context::vulkan;
+use crate::gpu::graphics::{GraphicsInfo, graphics_pipeline};
 use crate::gpu::memory::ImageInfo;
-use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Sampler, Shader};
+use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Sampler};
 use crate::gpu::{Bindings, Buffer, Context, Image, Recorder, Use};
 use crate::scene::{Camera, Material, Object, Texture, TextureRef, Vertex};
 
@@ -111,11 +111,28 @@ impl GBufferPass {
     /// # Errors
     /// When the object does not fit the device.
     pub fn new(context: &Arc<Context>, object: &Object) -> Result<Self> {
-        let vertex = Shader::new(context, "gbuffer/gbuffer.vert")?;
-        let fragment = Shader::new(context, "gbuffer/gbuffer.frag")?;
-        let layout = Layout::new(context, &[&vertex.reflection, &fragment.reflection])?;
-        let handle = make_pipeline(context, &vertex, &fragment, layout.handle)?;
-        let pipeline = Pipeline::new(context, handle, layout, "gbuffer");
+        let pipeline = graphics_pipeline(
+            context,
+            &GraphicsInfo {
+                name: "gbuffer",
+                shaders: ["gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag"],
+                topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+                stride: size_of::<Vertex>(),
+                attributes: &[
+                    (vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, position)),
+                    (vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, normal)),
+                    (vk::Format::R32G32B32A32_SFLOAT, std::mem::offset_of!(Vertex, tangent)),
+                    (vk::Format::R32G32_SFLOAT, std::mem::offset_of!(Vertex, uv)),
+                ],
+                colors: &[
+                    vk::Format::R32G32B32A32_SFLOAT,
+                    vk::Format::R32G32B32A32_SFLOAT,
+                    vk::Format::R16G16B16A16_SFLOAT,
+                    vk::Format::R16G16B16A16_SFLOAT,
+                ],
+                nearer: vk::CompareOp::LESS,
+            },
+        )?;
         let sampler = Sampler::new(context, vk::Filter::LINEAR, vk::SamplerAddressMode::REPEAT)?;
         let object = GpuObject::new(context, object, &pipeline.layout, &sampler)?;
         Ok(Self { pipeline, object, _sampler: sampler })
@@ -340,74 +357,4 @@ fn mip_levels(texture: &Texture) -> Vec<Vec<u8>> {
         (width, height) = (next_width, next_height);
     }
     levels
-}
-
-fn make_pipeline(
-    context: &Arc<Context>,
-    vertex: &Shader,
-    fragment: &Shader,
-    layout: vk::PipelineLayout,
-) -> Result<vk::Pipeline> {
-    let stages =
-        [(vertex, vk::ShaderStageFlags::VERTEX), (fragment, vk::ShaderStageFlags::FRAGMENT)].map(|(shader, stage)| {
-            vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main")
-        });
-    let bindings = [vk::VertexInputBindingDescription {
-        binding: 0,
-        stride: size_of::<Vertex>() as u32,
-        input_rate: vk::VertexInputRate::VERTEX,
-    }];
-    let attribute = |location, format, offset: usize| vk::VertexInputAttributeDescription {
-        location,
-        binding: 0,
-        format,
-        offset: offset as u32,
-    };
-    let attributes = [
-        attribute(0, vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, position)),
-        attribute(1, vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, normal)),
-        attribute(2, vk::Format::R32G32B32A32_SFLOAT, std::mem::offset_of!(Vertex, tangent)),
-        attribute(3, vk::Format::R32G32_SFLOAT, std::mem::offset_of!(Vertex, uv)),
-    ];
-    let input = vk::PipelineVertexInputStateCreateInfo::default()
-        .vertex_binding_descriptions(&bindings)
-        .vertex_attribute_descriptions(&attributes);
-    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
-    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-    // Scans and quick models are often open or turned inside out: both sides are drawn.
-    let raster = vk::PipelineRasterizationStateCreateInfo::default().cull_mode(vk::CullModeFlags::NONE).line_width(1.0);
-    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
-    let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_write_enable(true)
-        .depth_compare_op(vk::CompareOp::LESS);
-    let masks = [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA); 4];
-    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&masks);
-    let dynamic = vk::PipelineDynamicStateCreateInfo::default()
-        .dynamic_states(&[vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR]);
-    let formats = [
-        vk::Format::R32G32B32A32_SFLOAT,
-        vk::Format::R32G32B32A32_SFLOAT,
-        vk::Format::R16G16B16A16_SFLOAT,
-        vk::Format::R16G16B16A16_SFLOAT,
-    ];
-    let mut rendering = vk::PipelineRenderingCreateInfo::default()
-        .color_attachment_formats(&formats)
-        .depth_attachment_format(vk::Format::D32_SFLOAT);
-    let create = vk::GraphicsPipelineCreateInfo::default()
-        .stages(&stages)
-        .vertex_input_state(&input)
-        .input_assembly_state(&assembly)
-        .viewport_state(&viewport)
-        .rasterization_state(&raster)
-        .multisample_state(&samples)
-        .depth_stencil_state(&depth)
-        .color_blend_state(&blend)
-        .dynamic_state(&dynamic)
-        .layout(layout)
-        .push_next(&mut rendering);
-    // SAFETY: everything that the create info points to outlives the call.
-    unsafe { context.device.create_graphics_pipelines(vk::PipelineCache::null(), &[create], None) }
-        .map_err(|(_, result)| vulkan("vkCreateGraphicsPipelines")(result))
-        .map(|pipelines| pipelines[0])
 }

@@ -7,9 +7,9 @@ use ash::vk;
 use bytemuck::{Pod, Zeroable};
 
 use crate::Result;
-use crate::gpu::context::vulkan;
+use crate::gpu::graphics::{GraphicsInfo, graphics_pipeline};
 use crate::gpu::memory::ImageInfo;
-use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Sampler, Shader};
+use crate::gpu::pipeline::{DescriptorSet, Pipeline, Sampler};
 use crate::gpu::{Bindings, Buffer, ComputePipeline, Context, Image, Recorder, Use};
 use crate::preprocess::point_chunks::PackedPoint;
 use crate::scene::Camera;
@@ -32,8 +32,6 @@ pub struct PointView {
     pub spacing: f32,
     /// Away from the eye, unit length.
     pub forward: [f32; 3],
-    /// Factor on colours.
-    pub exposure: f32,
     /// Width of the image, pixels.
     pub width: u32,
     /// Height of the image, pixels.
@@ -70,7 +68,6 @@ impl PointView {
             down: (-up).into(),
             spacing,
             forward: forward.into(),
-            exposure: 1.0,
             width,
             height,
             level_width: width,
@@ -358,53 +355,17 @@ fn draw(
 }
 
 fn raster_pipeline(context: &Arc<Context>) -> Result<Pipeline> {
-    let vertex = Shader::new(context, "points/points.vert")?;
-    let fragment = Shader::new(context, "points/points.frag")?;
-    let layout = Layout::new(context, &[&vertex.reflection, &fragment.reflection])?;
-    let stages = [(&vertex, vk::ShaderStageFlags::VERTEX), (&fragment, vk::ShaderStageFlags::FRAGMENT)].map(
-        |(shader, stage)| vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main"),
-    );
-    let bindings = [vk::VertexInputBindingDescription {
-        binding: 0,
-        stride: size_of::<PackedPoint>() as u32,
-        input_rate: vk::VertexInputRate::VERTEX,
-    }];
-    let attribute =
-        |location, format, offset| vk::VertexInputAttributeDescription { location, binding: 0, format, offset };
-    let attributes = [attribute(0, vk::Format::R32G32B32_SFLOAT, 0), attribute(1, vk::Format::R32_UINT, 12)];
-    let input = vk::PipelineVertexInputStateCreateInfo::default()
-        .vertex_binding_descriptions(&bindings)
-        .vertex_attribute_descriptions(&attributes);
-    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::POINT_LIST);
-    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-    let raster = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
-    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
-    let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_write_enable(true)
-        .depth_compare_op(vk::CompareOp::GREATER);
-    let masks = [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
-    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&masks);
-    let dynamic = vk::PipelineDynamicStateCreateInfo::default()
-        .dynamic_states(&[vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR]);
-    let formats = [vk::Format::R32_UINT];
-    let mut rendering = vk::PipelineRenderingCreateInfo::default()
-        .color_attachment_formats(&formats)
-        .depth_attachment_format(vk::Format::D32_SFLOAT);
-    let create = vk::GraphicsPipelineCreateInfo::default()
-        .stages(&stages)
-        .vertex_input_state(&input)
-        .input_assembly_state(&assembly)
-        .viewport_state(&viewport)
-        .rasterization_state(&raster)
-        .multisample_state(&samples)
-        .depth_stencil_state(&depth)
-        .color_blend_state(&blend)
-        .dynamic_state(&dynamic)
-        .layout(layout.handle)
-        .push_next(&mut rendering);
-    // SAFETY: everything that the create info points to outlives the call.
-    let handle = unsafe { context.device.create_graphics_pipelines(vk::PipelineCache::null(), &[create], None) }
-        .map_err(|(_, result)| vulkan("vkCreateGraphicsPipelines")(result))?[0];
-    Ok(Pipeline::new(context, handle, layout, "points"))
+    graphics_pipeline(
+        context,
+        &GraphicsInfo {
+            name: "points",
+            shaders: ["points/points.vert", "points/points.frag"],
+            topology: vk::PrimitiveTopology::POINT_LIST,
+            stride: size_of::<PackedPoint>(),
+            attributes: &[(vk::Format::R32G32B32_SFLOAT, 0), (vk::Format::R32_UINT, 12)],
+            colors: &[vk::Format::R32_UINT],
+            // Depth is near / z.
+            nearer: vk::CompareOp::GREATER,
+        },
+    )
 }

@@ -29,7 +29,7 @@ pub(in crate::cli) struct Args {
     json: Option<PathBuf>,
 }
 
-/// Frames of which the median is taken, after one that warms up.
+/// Frames of which the median is taken, after one that warms up; three times as many for what follows the geometry pass.
 const FRAMES: usize = 5;
 
 /// One cloud.
@@ -63,8 +63,19 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let sizes: &[usize] = if args.quick { &[300_000, 1_000_000] } else { &[300_000, 1_000_000, 3_000_000, 10_000_000] };
     let (width, height) = args.size;
     say!("{}; {width}x{height}, the toy room; medians of {FRAMES} frames, ms\n", context.capabilities.name)?;
+    let bar = progress::bar("measuring", 2 * sizes.len() as u64);
+    let clouds = sizes.iter().map(|points| scan(&toy_room(), *points)).collect::<Result<Vec<_>>>()?;
+    let mut rows = Vec::new();
+    for cloud in &clouds {
+        rows.push(measure(&context, cloud, args.size)?);
+        bar.inc(1);
+    }
+    for (row, (ours, screen)) in rows.iter_mut().zip(measure_screen(&context, &clouds, args.size)?) {
+        (row.ours_ms, row.screen_ms) = (ours, screen);
+    }
+    bar.finish_and_clear();
     say!(
-        "{:>9}  {:>16}  {:>16}  {:>12} {:>12} {:>7}  {:>8}  {:>11}",
+        "{:>9}  {:>17}  {:>17}  {:>12} {:>12} {:>7}  {:>7}  {:>11}",
         "points",
         "raster (Mpts/s)",
         "atomics (Mpts/s)",
@@ -74,14 +85,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
         "25/ours",
         "screen part"
     )?;
-    let mut rows = Vec::new();
-    for &points in sizes {
-        let bar = progress::spinner("measuring");
-        let row = measure(&context, &scan(&toy_room(), points)?, args.size)?;
-        bar.finish_and_clear();
-        let rate = |ms: f64| format!("{ms:.1} ({:.1})", row.points as f64 / ms / 1e3);
+    for row in &rows {
+        let rate = |ms: f64| format!("{ms:.2} ({:.1})", row.points as f64 / ms / 1e3);
         say!(
-            "{:>9}  {:>16}  {:>16}  {:>12.1} {:>12.1} {:>7.1}  {:>8.1}  {:>11.1}",
+            "{:>9}  {:>17}  {:>17}  {:>12.2} {:>12.2} {:>7.2}  {:>7.1}  {:>11.2}",
             row.points,
             rate(row.raster_ms),
             rate(row.atomics_ms),
@@ -91,7 +98,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
             row.fixed_25_ms / row.ours_ms,
             row.screen_ms
         )?;
-        rows.push(row);
     }
     if let Some(path) = &args.json {
         render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows })?;
@@ -114,52 +120,74 @@ fn scan(room: &Room, points: usize) -> Result<Arc<PointChunks>> {
     PointChunks::from_points(&positions, &colors, &[(area / points as f32).sqrt()]).map(Arc::new)
 }
 
+const CAMERA: Camera =
+    Camera { from: Vec3::new(0.8, 1.5, 2.2), at: Vec3::new(-0.2, 0.9, -1.0), fov_y: std::f32::consts::FRAC_PI_3 };
+
+/// Points and images of any size that is measured fit this.
+const BUDGET: u64 = 2 << 30;
+
+fn geometry(name: &str) -> bool {
+    name == "points" || name == "clear points"
+}
+
+/// Milliseconds of the passes of a frame that `picks` chooses.
+fn time(profile: &Profile, picks: impl Fn(&str) -> bool) -> f64 {
+    profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, pass)| pass.gpu_ms).sum()
+}
+
+/// Geometry passes and fixed neighbourhoods of one cloud.
 fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, (width, height): (u32, u32)) -> Result<Row> {
-    let camera = Camera { from: Vec3::new(0.8, 1.5, 2.2), at: Vec3::new(-0.2, 0.9, -1.0), fov_y: 60_f32.to_radians() };
-    // Points and images of any size that is measured fit this.
-    let settings = PointSettings { width, height, memory_budget: 2 << 30, ..PointSettings::default() };
-    // Medians of the times of passes that `of` picks.
-    let time = |settings: PointSettings, whole: bool, of: &[&dyn Fn(&str) -> bool]| -> Result<Vec<f64>> {
+    let settings = PointSettings { width, height, memory_budget: BUDGET, ..PointSettings::default() };
+    let passes = |settings: PointSettings, picks: &dyn Fn(&str) -> bool| -> Result<f64> {
         let mut renderer = PointRenderer::new(context, chunks, settings)?;
-        let mut times = vec![Vec::new(); of.len()];
+        let mut times = Vec::new();
         for frame in 0..=FRAMES {
             let mut profile = Profile::default();
-            if whole {
-                renderer.draw(&camera, &mut profile)?;
-            } else {
-                renderer.classify(&camera, &mut profile)?;
-            }
+            renderer.classify(&CAMERA, &mut profile)?;
             if frame > 0 {
-                for (times, picks) in times.iter_mut().zip(of) {
-                    times.push(
-                        profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, p)| p.gpu_ms).sum::<f64>(),
-                    );
-                }
+                times.push(time(&profile, picks));
             }
         }
-        Ok(times.into_iter().map(median).collect())
+        Ok(median(times))
     };
-    let geometry = |name: &str| name == "points" || name == "clear points";
-    let screen = |name: &str| !geometry(name);
-    let ours = |name: &str| name == "hidden points" || name == "point pyramid";
-    let hidden = |name: &str| name == "hidden points";
-    let raster = time(PointSettings { geometry: Some(PointGeometry::Raster), ..settings }, false, &[&geometry])?[0];
-    let atomics = PointSettings { geometry: Some(PointGeometry::Atomics), ..settings };
-    let whole = time(atomics, true, &[&geometry, &ours, &screen])?;
+    let draw = |way| passes(PointSettings { geometry: Some(way), ..settings }, &geometry);
     let fixed = |radius| {
-        Ok::<f64, crate::Error>(
-            time(PointSettings { hidden: HiddenPoints::Fixed(radius), ..atomics }, false, &[&hidden])?[0],
-        )
+        let settings = PointSettings { hidden: HiddenPoints::Fixed(radius), ..settings };
+        passes(settings, &|name| name == "hidden points")
     };
     Ok(Row {
         points: chunks.points.len(),
-        raster_ms: raster,
-        atomics_ms: whole[0],
+        raster_ms: draw(PointGeometry::Raster)?,
+        atomics_ms: draw(PointGeometry::Atomics)?,
         fixed_15_ms: fixed(15)?,
         fixed_25_ms: fixed(25)?,
-        ours_ms: whole[1],
-        screen_ms: whole[2],
+        ours_ms: 0.0,
+        screen_ms: 0.0,
     })
+}
+
+/// Our hidden point removal and everything after the geometry pass, of all clouds in turn: how busy the machine is
+/// changes more slowly than that.
+fn measure_screen(
+    context: &Arc<Context>,
+    clouds: &[Arc<PointChunks>],
+    (width, height): (u32, u32),
+) -> Result<Vec<(f64, f64)>> {
+    let settings = PointSettings { width, height, memory_budget: BUDGET, ..PointSettings::default() };
+    let mut renderers =
+        clouds.iter().map(|chunks| PointRenderer::new(context, chunks, settings)).collect::<Result<Vec<_>>>()?;
+    let mut times = vec![(Vec::new(), Vec::new()); clouds.len()];
+    for frame in 0..=3 * FRAMES {
+        for (renderer, (ours, screen)) in renderers.iter_mut().zip(&mut times) {
+            let mut profile = Profile::default();
+            renderer.draw(&CAMERA, &mut profile)?;
+            if frame > 0 {
+                ours.push(time(&profile, |name| name == "hidden points" || name == "point pyramid"));
+                screen.push(time(&profile, |name| !geometry(name)));
+            }
+        }
+    }
+    Ok(times.into_iter().map(|(ours, screen)| (median(ours), median(screen))).collect())
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
