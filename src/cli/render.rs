@@ -48,7 +48,7 @@ impl From<UpAxis> for Up {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Scene whose values stand for flags that are not given (scene_flags.rs)
+    /// Scene, whose values stand for flags that are not given
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
     /// Cloud (.ply, .pcd, .las, .laz) or saved hierarchy (.bsh)

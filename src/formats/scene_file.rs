@@ -102,10 +102,10 @@ pub struct DisplayTable {
     /// Stops.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f64>,
-    /// Tone curve; the viewer's.
+    /// `srgb`, `filmic` or `agx`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tone: Option<String>,
-    /// How points are shown; the viewer's.
+    /// `none`, `raw`, `filled`, `normals`, `headlight` or `eye-dome`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<String>,
 }
