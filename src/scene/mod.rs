@@ -1,8 +1,10 @@
-//! What exists in the world: clouds, objects, cameras, far fields, pictures, places.
+//! What exists in the world: clouds, objects, cameras, far fields, pictures, places; and spherical harmonics, as which
+//! light and what objects do with it are described.
 
 pub mod camera;
 pub mod cloud;
 pub mod far_field;
+pub mod harmonics;
 pub mod object;
 pub mod picture;
 pub mod placement;
