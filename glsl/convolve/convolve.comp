@@ -10,6 +10,7 @@
 #include "common/sums.glsl"
 #include "common/brdf.glsl"
 #include "common/far_field.glsl"
+#include "common/slots.glsl"
 #include "common/surface.glsl"
 
 layout(constant_id = 5) const bool ONE_NODE = false;      // colours come from the nearest node alone

@@ -10,6 +10,7 @@
 #include "common/brdf.glsl"
 #include "common/lobe.glsl"
 #include "common/octahedral.glsl"
+#include "common/slots.glsl"
 #include "common/surface.glsl"
 #include "common/tile_texel.glsl"
 #include "common/view.glsl"

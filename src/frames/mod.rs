@@ -7,6 +7,8 @@ mod feedback;
 mod pixels;
 mod plan;
 pub mod points;
+pub mod probes;
+mod region;
 mod renderer;
 mod scene;
 mod shared;

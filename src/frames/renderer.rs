@@ -12,6 +12,7 @@ use super::batch::Coverage;
 use super::feedback::Feedback;
 use super::pixels::{PixelPasses, Shot, stop_sin2};
 use super::plan::Plan;
+use super::region::{Bounds, read_image};
 use super::scene::GpuScene;
 use super::shared::Shared;
 use super::tile_map::pixel_place;
@@ -79,8 +80,7 @@ pub struct Renderer {
     made_for: [u32; 2],
     plan: Plan,
     pub(super) hierarchy: Arc<GpuHierarchy>,
-    /// Centre and radius of the object's bounds.
-    bounds: (Vec3, f32),
+    bounds: Bounds,
     /// The object's vertices, for where it is in the image.
     positions: Vec<Vec3>,
     pub(super) far_field: Arc<GpuFarField>,
@@ -162,11 +162,10 @@ impl Renderer {
                 PixelPasses::new(context, &settings, LOBE_INFO, convolve, plan.lobe_pixels.min(image_pixels))
             })
             .transpose()?;
-        let (low, high) = object.bounds();
         Ok(Self {
             context: context.clone(),
             positions: object.vertices.iter().map(|vertex| vertex.position).collect(),
-            bounds: (0.5 * (low + high), 0.5 * (high - low).length()),
+            bounds: Bounds::of(&object.vertices),
             receivers: ReceiverPass::new(context)?,
             nearest: Sampler::new(context, vk::Filter::NEAREST, vk::SamplerAddressMode::CLAMP_TO_EDGE)?,
             made_for: [settings.width, settings.height],
@@ -195,9 +194,7 @@ impl Renderer {
         self.gbuffer.place(vertices)?;
         self.positions.clear();
         self.positions.extend(vertices.iter().map(|vertex| vertex.position));
-        let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let (low, high) = self.positions.iter().fold(nothing, |(low, high), p| (low.min(*p), high.max(*p)));
-        self.bounds = (0.5 * (low + high), 0.5 * (high - low).length());
+        self.bounds = Bounds::of(vertices);
         Ok(())
     }
 
@@ -411,11 +408,10 @@ impl Renderer {
     /// pixel.
     fn shown(&self, camera: &Camera) -> [[u32; 2]; 2] {
         let Settings { width, height, .. } = self.settings;
-        let (centre, radius) = self.bounds;
-        if camera.from.distance(centre) <= radius * 1.01 {
+        if self.bounds.hold(camera) {
             return [[0; 2], [width, height]];
         }
-        let (near, far) = self.depth_range(camera);
+        let (near, far) = self.bounds.depth_range(camera);
         let clip_from_world = camera.clip_from_world(width as f32 / height as f32, near, far);
         let nothing = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         let (low, high) = self
@@ -435,14 +431,6 @@ impl Renderer {
             |v: f32, size: u32, more: f32| ((0.5 * v + 0.5) * size as f32 + more).clamp(0.0, size as f32) as u32;
         let corner = |v: Vec2, more: f32| [pixel(v.x, width, more), pixel(v.y, height, more)];
         [corner(low, -1.0).map(|v| v / 16 * 16), corner(high, 2.0)]
-    }
-
-    /// Nearest and farthest depth of the object.
-    fn depth_range(&self, camera: &Camera) -> (f32, f32) {
-        let (centre, radius) = self.bounds;
-        let distance = camera.from.distance(centre);
-        let far = (distance + radius) * 1.01 + 1e-6;
-        (((distance - radius) * 0.99).max(far * 1e-4), far)
     }
 
     /// A rectangle and the tiles around it.
@@ -468,7 +456,7 @@ impl Renderer {
             lobe_output: self.lobes.as_ref().map(|_| output("lobe output")).transpose()?,
             receivers,
         };
-        let (near, far) = self.depth_range(camera);
+        let (near, far) = self.bounds.depth_range(camera);
         let view = View {
             width: self.settings.width,
             height: self.settings.height,
@@ -631,18 +619,6 @@ impl Renderer {
     }
 }
 
-impl Rect {
-    /// Whether a pixel of the image is in it.
-    fn holds(&self, x: u32, y: u32) -> bool {
-        (self.x..self.x + self.width).contains(&x) && (self.y..self.y + self.height).contains(&y)
-    }
-
-    /// Index in an image of the given width of the rectangle's `i`th pixel.
-    fn index(&self, i: u32, width: u32) -> usize {
-        ((self.y + i / self.width) * width + self.x + i % self.width) as usize
-    }
-}
-
 impl Region {
     /// Whether a receiver is lit here.
     pub(super) fn is_core(&self, receiver: Receiver) -> bool {
@@ -655,10 +631,6 @@ impl Region {
         let (x, y) = pixel_place(slot, self.receivers.tiles_x);
         (self.rect.y + y) * width + self.rect.x + x
     }
-}
-
-fn read_image<T: bytemuck::Pod>(image: &crate::gpu::Image) -> Result<Vec<T>> {
-    Ok(bytemuck::pod_collect_to_vec(&image.download(Use::SampledRead, size_of::<T>())?))
 }
 
 fn check(settings: &Settings) -> Result<()> {

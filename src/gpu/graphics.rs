@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::context::{Context, vulkan};
-use super::pipeline::{Layout, Pipeline, Shader};
+use super::pipeline::{Constant, Layout, Pipeline, Shader, Specialization};
 use crate::Result;
 
 /// What a graphics pipeline is made of.
@@ -14,6 +14,8 @@ pub(crate) struct GraphicsInfo<'a> {
     pub(crate) name: &'a str,
     /// Vertex and fragment shader, as files below `glsl/`.
     pub(crate) shaders: [&'a str; 2],
+    /// For both of them.
+    pub(crate) constants: &'a [Constant],
     /// What vertices make.
     pub(crate) topology: vk::PrimitiveTopology,
     /// Bytes from a vertex to the next.
@@ -35,8 +37,16 @@ pub(crate) fn graphics_pipeline(context: &Arc<Context>, info: &GraphicsInfo<'_>)
     let vertex = Shader::new(context, info.shaders[0])?;
     let fragment = Shader::new(context, info.shaders[1])?;
     let layout = Layout::new(context, &[&vertex.reflection, &fragment.reflection])?;
+    let specialization = Specialization::new(info.constants);
+    let constants = specialization.info();
     let stages = [(&vertex, vk::ShaderStageFlags::VERTEX), (&fragment, vk::ShaderStageFlags::FRAGMENT)].map(
-        |(shader, stage)| vk::PipelineShaderStageCreateInfo::default().stage(stage).module(shader.module).name(c"main"),
+        |(shader, stage)| {
+            vk::PipelineShaderStageCreateInfo::default()
+                .stage(stage)
+                .module(shader.module)
+                .name(c"main")
+                .specialization_info(&constants)
+        },
     );
     let bindings = [vk::VertexInputBindingDescription {
         binding: 0,

@@ -144,6 +144,14 @@ impl Buffer {
         Ok(buffer)
     }
 
+    /// A buffer that the host writes ([`Buffer::mapped_mut`]) and the device copies from.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where it does not fit the memory.
+    pub(crate) fn staging_to_device(context: &Arc<Context>, size: u64) -> Result<Self> {
+        Self::staging(context, size, MemoryLocation::CpuToGpu)
+    }
+
     fn staging(context: &Arc<Context>, size: u64, location: MemoryLocation) -> Result<Self> {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         Self::with_usage(context, "staging", size.max(16), usage, location)
@@ -214,10 +222,16 @@ impl Buffer {
             .ok_or_else(|| Error::Device("staging memory is not mapped".into()))
     }
 
-    fn mapped_mut(&mut self) -> Result<&mut [u8]> {
+    /// The memory of a staging buffer; no submission that reads it may be under way.
+    ///
+    /// # Errors
+    /// [`Error::Device`] for a buffer that the host does not see.
+    pub(crate) fn mapped_mut(&mut self) -> Result<&mut [u8]> {
+        let size = self.size as usize;
         self.allocation
             .as_mut()
             .and_then(Allocation::mapped_slice_mut)
+            .map(|bytes| &mut bytes[..size])
             .ok_or_else(|| Error::Device("staging memory is not mapped".into()))
     }
 }

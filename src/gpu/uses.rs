@@ -20,6 +20,8 @@ pub enum Use {
     StorageImage,
     /// Read through a sampler, by any shader.
     SampledRead,
+    /// Read by a vertex or fragment shader from a buffer.
+    VertexRead,
     /// Written as a colour attachment.
     ColorTarget,
     /// Written as a depth attachment.
@@ -53,6 +55,7 @@ impl Use {
             Self::ComputeWrite => (S::COMPUTE_SHADER, A::SHADER_READ | A::SHADER_WRITE, L::GENERAL),
             Self::StorageImage => (S::COMPUTE_SHADER, A::SHADER_READ | A::SHADER_WRITE, L::GENERAL),
             Self::SampledRead => (S::COMPUTE_SHADER | S::FRAGMENT_SHADER, A::SHADER_READ, L::SHADER_READ_ONLY_OPTIMAL),
+            Self::VertexRead => (S::VERTEX_SHADER | S::FRAGMENT_SHADER, A::SHADER_READ, L::UNDEFINED),
             Self::ColorTarget => (
                 S::COLOR_ATTACHMENT_OUTPUT,
                 A::COLOR_ATTACHMENT_READ | A::COLOR_ATTACHMENT_WRITE,

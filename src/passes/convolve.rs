@@ -159,7 +159,7 @@ impl GpuFarField {
         let black = FarField { width: 1, height: 1, radiance: vec![glam::Vec3::ZERO] };
         let source = far_field.unwrap_or(&black);
         let mut levels = vec![source.clone()];
-        while let Some(level) = levels.last().and_then(half_size) {
+        while let Some(level) = levels.last().and_then(FarField::half) {
             levels.push(level);
         }
         let full = context.capabilities.linear_float32;
@@ -185,23 +185,6 @@ impl GpuFarField {
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
         others.sampled("far_field", &self.image, self.sampler.handle)
     }
-}
-
-/// A level half as large, each texel the mean of those it covers; `None` below one texel.
-fn half_size(level: &FarField) -> Option<FarField> {
-    if level.width == 1 && level.height == 1 {
-        return None;
-    }
-    let (width, height) = ((level.width / 2).max(1), (level.height / 2).max(1));
-    let texel =
-        |x: u32, y: u32| level.radiance[(y.min(level.height - 1) * level.width + x.min(level.width - 1)) as usize];
-    let radiance = (0..width * height)
-        .map(|i| {
-            let (x, y) = (i % width * 2, i / width * 2);
-            (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) * 0.25
-        })
-        .collect();
-    Some(FarField { width, height, radiance })
 }
 
 fn encode(level: &FarField, full: bool) -> Vec<u8> {

@@ -11,7 +11,7 @@ use crate::Result;
 use crate::gpu::graphics::{GraphicsInfo, graphics_pipeline};
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{DescriptorSet, Layout, Pipeline, Sampler};
-use crate::gpu::{Bindings, Buffer, Context, Image, Recorder, Use};
+use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 use crate::scene::{Camera, Material, Object, Texture, TextureRef, Vertex};
 
 /// Push constants (`glsl/shared/draw.glsl`).
@@ -61,11 +61,17 @@ pub struct GBuffer {
     pub base_metallic: Image,
     /// Emitted radiance and roughness.
     pub emissive_roughness: Image,
+    /// Irradiance, and what of the surround is seen, where the pass writes it.
+    pub irradiance: Option<Image>,
     depth: Image,
 }
 
 /// Bytes of a G-buffer a pixel.
 pub const BYTES_PER_PIXEL: u64 = 16 + 16 + 8 + 8 + 4;
+/// Bytes more with irradiance.
+pub const IRRADIANCE_BYTES_PER_PIXEL: u64 = 16;
+
+const IRRADIANCE_FORMAT: vk::Format = vk::Format::R32G32B32A32_SFLOAT;
 
 impl GBuffer {
     /// Images for a region.
@@ -81,12 +87,24 @@ impl GBuffer {
             normal: image("G-buffer normal", vk::Format::R32G32B32A32_SFLOAT, color)?,
             base_metallic: image("G-buffer base colour", vk::Format::R16G16B16A16_SFLOAT, color)?,
             emissive_roughness: image("G-buffer emissive", vk::Format::R16G16B16A16_SFLOAT, color)?,
+            irradiance: None,
             depth: image("G-buffer depth", vk::Format::D32_SFLOAT, vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT)?,
         })
     }
 
-    fn colors(&self) -> [&Image; 4] {
-        [&self.position, &self.normal, &self.base_metallic, &self.emissive_roughness]
+    /// The same with an image for the irradiance.
+    ///
+    /// # Errors
+    /// When they do not fit the device.
+    pub fn with_irradiance(context: &Arc<Context>, width: u32, height: u32) -> Result<Self> {
+        let usage = vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::SAMPLED;
+        let info =
+            ImageInfo { name: "G-buffer irradiance", width, height, levels: 1, format: IRRADIANCE_FORMAT, usage };
+        Ok(Self { irradiance: Some(Image::new(context, info)?), ..Self::new(context, width, height)? })
+    }
+
+    fn colors(&self) -> impl Iterator<Item = &Image> {
+        [&self.position, &self.normal, &self.base_metallic, &self.emissive_roughness].into_iter().chain(&self.irradiance)
     }
 }
 
@@ -111,30 +129,53 @@ impl GBufferPass {
     /// # Errors
     /// When the object does not fit the device.
     pub fn new(context: &Arc<Context>, object: &Object) -> Result<Self> {
+        Self::with_shaders(context, object, ["gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag"], &[], &Bindings::new(), &[])
+    }
+
+    /// The same for a pass that writes the irradiance too, which it takes from `bindings`: that of the vertices, and the
+    /// light.
+    ///
+    /// # Errors
+    /// As [`GBufferPass::new`].
+    pub(super) fn with_irradiance(
+        context: &Arc<Context>,
+        object: &Object,
+        bindings: &Bindings<'_>,
+        constants: &[Constant],
+    ) -> Result<Self> {
+        let shaders = ["probe_object/surface.vert", "probe_object/surface.frag"];
+        Self::with_shaders(context, object, shaders, &[IRRADIANCE_FORMAT], bindings, constants)
+    }
+
+    fn with_shaders(
+        context: &Arc<Context>,
+        object: &Object,
+        shaders: [&str; 2],
+        more: &[vk::Format],
+        bindings: &Bindings<'_>,
+        constants: &[Constant],
+    ) -> Result<Self> {
+        let (four, half) = (vk::Format::R32G32B32A32_SFLOAT, vk::Format::R16G16B16A16_SFLOAT);
         let pipeline = graphics_pipeline(
             context,
             &GraphicsInfo {
                 name: "gbuffer",
-                shaders: ["gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag"],
+                shaders,
+                constants,
                 topology: vk::PrimitiveTopology::TRIANGLE_LIST,
                 stride: size_of::<Vertex>(),
                 attributes: &[
                     (vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, position)),
                     (vk::Format::R32G32B32_SFLOAT, std::mem::offset_of!(Vertex, normal)),
-                    (vk::Format::R32G32B32A32_SFLOAT, std::mem::offset_of!(Vertex, tangent)),
+                    (four, std::mem::offset_of!(Vertex, tangent)),
                     (vk::Format::R32G32_SFLOAT, std::mem::offset_of!(Vertex, uv)),
                 ],
-                colors: &[
-                    vk::Format::R32G32B32A32_SFLOAT,
-                    vk::Format::R32G32B32A32_SFLOAT,
-                    vk::Format::R16G16B16A16_SFLOAT,
-                    vk::Format::R16G16B16A16_SFLOAT,
-                ],
+                colors: &[&[four, four, half, half], more].concat(),
                 nearer: vk::CompareOp::LESS,
             },
         )?;
         let sampler = Sampler::new(context, vk::Filter::LINEAR, vk::SamplerAddressMode::REPEAT)?;
-        let object = GpuObject::new(context, object, &pipeline.layout, &sampler)?;
+        let object = GpuObject::new(context, object, &pipeline.layout, &sampler, bindings)?;
         Ok(Self { pipeline, object, _sampler: sampler })
     }
 
@@ -169,8 +210,10 @@ impl GBufferPass {
             };
             let black = vk::ClearValue { color: vk::ClearColorValue { float32: [0.0; 4] } };
             let far = vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 } };
-            let colors =
-                target.colors().map(|image| attachment(image, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, black));
+            let colors: Vec<_> = target
+                .colors()
+                .map(|image| attachment(image, vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL, black))
+                .collect();
             let depth = attachment(&target.depth, vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL, far);
             let extent = vk::Extent2D { width: target.position.width, height: target.position.height };
             let info = vk::RenderingInfo::default()
@@ -253,7 +296,13 @@ pub struct View {
 }
 
 impl GpuObject {
-    fn new(context: &Arc<Context>, object: &Object, layout: &Layout, sampler: &Sampler) -> Result<Self> {
+    fn new(
+        context: &Arc<Context>,
+        object: &Object,
+        layout: &Layout,
+        sampler: &Sampler,
+        bindings: &Bindings<'_>,
+    ) -> Result<Self> {
         let mut textures = object
             .textures
             .par_iter()
@@ -271,7 +320,8 @@ impl GpuObject {
             let material = &object.materials[primitive.material];
             let image = |reference: Option<TextureRef>| &textures[reference.map_or(textures.len() - 1, |r| r.texture)];
             let set = layout.bind(
-                &Bindings::new()
+                &bindings
+                    .clone()
                     .sampled("base_color_map", image(material.base_color_texture), sampler.handle)
                     .sampled("metallic_roughness_map", image(material.metallic_roughness_texture), sampler.handle)
                     .sampled("normal_map", image(material.normal_texture), sampler.handle)

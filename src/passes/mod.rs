@@ -6,6 +6,8 @@ pub mod convolve;
 pub mod gbuffer;
 pub mod point_operators;
 pub mod points;
+pub mod probe_light;
+pub mod probe_object;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;

@@ -360,6 +360,7 @@ fn raster_pipeline(context: &Arc<Context>) -> Result<Pipeline> {
         &GraphicsInfo {
             name: "points",
             shaders: ["points/points.vert", "points/points.frag"],
+            constants: &[],
             topology: vk::PrimitiveTopology::POINT_LIST,
             stride: size_of::<PackedPoint>(),
             attributes: &[(vk::Format::R32G32B32_SFLOAT, 0), (vk::Format::R32_UINT, 12)],

@@ -31,4 +31,21 @@ impl FarField {
         let bottom = texel(0, 1).lerp(texel(1, 1), fx);
         top.lerp(bottom, fy)
     }
+
+    /// The same at half the size, each texel the mean of those it covers; `None` for a single texel.
+    pub fn half(&self) -> Option<Self> {
+        if self.width == 1 && self.height == 1 {
+            return None;
+        }
+        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
+        let texel =
+            |x: u32, y: u32| self.radiance[(y.min(self.height - 1) * self.width + x.min(self.width - 1)) as usize];
+        let radiance = (0..width * height)
+            .map(|i| {
+                let (x, y) = (i % width * 2, i / width * 2);
+                (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) * 0.25
+            })
+            .collect();
+        Some(Self { width, height, radiance })
+    }
 }

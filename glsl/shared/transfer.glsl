@@ -1,0 +1,4 @@
+// Crosses the Rust border: passes::probe_object::TransferConstants.
+layout(push_constant) uniform TransferConstants {
+    uint vertices;
+} transfer;
