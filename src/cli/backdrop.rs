@@ -25,7 +25,7 @@ pub(super) enum BackdropChoice {
     Environment,
 }
 
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(super) struct BackdropArgs {
     /// What is seen around the object
     #[arg(long, value_enum, default_value_t)]
@@ -52,6 +52,12 @@ pub(super) struct Around<'a> {
     pub(super) object: &'a Object,
 }
 
+/// The scan's renderer, and the object's distances for its shadow.
+pub(super) struct ScanPicture {
+    renderer: PointRenderer,
+    field: Option<DistanceField>,
+}
+
 impl BackdropArgs {
     /// Whether the scan's points are needed.
     pub(super) fn shows_points(&self) -> bool {
@@ -61,39 +67,47 @@ impl BackdropArgs {
     /// Refuses what makes no sense before anything is read.
     pub(super) fn check(&self, has_far_field: bool) -> Result<()> {
         if self.backdrop == BackdropChoice::Environment && !has_far_field {
-            return Err(Error::Argument("--backdrop environment needs --environment FILE".into()));
+            return Err(Error::Argument("--backdrop environment needs --environment FILE or --probes PATTERN".into()));
         }
         Ok(())
     }
 
-    /// The scan as the camera sees it, in the object's shadow; `None` where it is not asked for.
+    /// The scan as the camera sees it, in the object's shadow; `None` where it is not asked for. `kept` keeps what pictures
+    /// in other light need again.
     pub(super) fn render_points(
         &self,
         context: &Arc<Context>,
         around: &Around<'_>,
         camera: &Camera,
         settings: &Settings,
+        kept: &mut Option<ScanPicture>,
     ) -> Result<Option<PointFrame>> {
         let Some(chunks) = &around.points else { return Ok(None) };
-        let settings = PointSettings {
-            width: settings.width,
-            height: settings.height,
-            display: self.points,
-            spacing: self.spacing.map(|metres| metres as f32),
-            memory_budget: settings.memory_budget,
-            ..PointSettings::default()
+        let picture = match kept.take() {
+            Some(mut picture) => {
+                if let Some(field) = &picture.field {
+                    picture.renderer.move_shadow(caster(field, around))?;
+                }
+                picture
+            }
+            None => {
+                let settings = PointSettings {
+                    width: settings.width,
+                    height: settings.height,
+                    display: self.points,
+                    spacing: self.spacing.map(|metres| metres as f32),
+                    memory_budget: settings.memory_budget,
+                    ..PointSettings::default()
+                };
+                let mut renderer = PointRenderer::new(context, chunks, settings)?;
+                let shadow = !self.no_contact_shadow && self.points != PointDisplay::Raw;
+                let field = shadow.then(|| DistanceField::new(around.object));
+                renderer.cast_shadow(field.as_ref().map(|field| caster(field, around)))?;
+                ScanPicture { renderer, field }
+            }
         };
-        let mut renderer = PointRenderer::new(context, chunks, settings)?;
-        if !self.no_contact_shadow && self.points != PointDisplay::Raw {
-            let field = DistanceField::new(around.object);
-            let world_from_object = glam::Affine3A::IDENTITY;
-            renderer.cast_shadow(Some(ShadowCaster {
-                field: &field,
-                world_from_object,
-                far_field: around.far_field,
-            }))?;
-        }
-        renderer.render(camera).map(Some)
+        let frame = kept.insert(picture).renderer.render(camera)?;
+        Ok(Some(frame))
     }
 
     /// Object and backdrop in one picture.
@@ -109,4 +123,9 @@ impl BackdropArgs {
         let environment = around.far_field.filter(|_| self.backdrop != BackdropChoice::None);
         compose(frame, camera, Backdrop { points, environment, tolerance })
     }
+}
+
+/// The object, in its place already, in front of its light.
+fn caster<'a>(field: &'a DistanceField, around: &Around<'a>) -> ShadowCaster<'a> {
+    ShadowCaster { field, world_from_object: glam::Affine3A::IDENTITY, far_field: around.far_field }
 }

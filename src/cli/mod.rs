@@ -10,7 +10,9 @@ mod evaluate;
 mod expand;
 mod info;
 mod output;
+mod probe_flags;
 mod progress;
+mod project;
 mod render;
 mod scene_flags;
 mod stage;
@@ -40,8 +42,10 @@ enum Verb {
     Build(build::Args),
     /// Expand the dynamic range of a cloud from an HDR photo
     Expand(Box<expand::Args>),
-    /// Light an object inside a cloud
+    /// Light an object inside a cloud, or by light probes
     Render(Box<render::Args>),
+    /// Project a light probe to spherical harmonics
+    Project(project::Args),
     /// Open the viewer
     View(view::Args),
     /// Compare an image with a reference
@@ -77,6 +81,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
         Verb::Build(args) => build::run(&args),
         Verb::Expand(args) => expand::run(&args),
         Verb::Render(args) => render::run(&args),
+        Verb::Project(args) => project::run(&args),
         Verb::View(args) => view::run(&args),
         Verb::Compare(args) => compare::run(&args),
         Verb::Evaluate(verb) => evaluate::run(&verb),

@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 
 use crate::frames::{MaterialChoice, Paper};
 use crate::preprocess::panorama_room::PanoramaRoom;
+use crate::preprocess::transfer::TransferOptions;
 use crate::{Error, Result};
 
 /// Places beyond this many metres are refused, as in clouds: their squares must fit f32.
@@ -103,6 +104,34 @@ pub(super) fn microbuffer(text: &str) -> Result<u32, String> {
         .ok()
         .filter(|n| crate::frames::Settings::MICROBUFFER.contains(n) && n % 2 == 0)
         .ok_or(format!("{text:?} is not an even size from 8 to 64"))
+}
+
+/// Bands of spherical harmonics.
+pub(super) fn order(text: &str) -> Result<usize, String> {
+    let range = TransferOptions::ORDER;
+    text.parse().ok().filter(|n| range.contains(n)).ok_or(format!("{text:?} is not an order of 1 to {}", range.end()))
+}
+
+/// Directions of a transfer.
+pub(super) fn directions(text: &str) -> Result<u32, String> {
+    let range = TransferOptions::SAMPLES;
+    let wrong = || format!("{text:?} is not a number of directions from {} to {}", range.start(), range.end());
+    text.parse().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
+}
+
+/// Bounces of a transfer.
+pub(super) fn bounces(text: &str) -> Result<u32, String> {
+    let range = TransferOptions::BOUNCES;
+    text.parse().ok().filter(|n| range.contains(n)).ok_or(format!("{text:?} is not a number of bounces up to {}", range.end()))
+}
+
+/// A window against the ringing of spherical harmonics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Window {
+    /// All bands as they are
+    None,
+    /// Higher bands fade
+    Hanning,
 }
 
 /// `file`, `diffuse:ALBEDO` or `metal:ALPHA`.

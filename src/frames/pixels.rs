@@ -66,7 +66,7 @@ impl Shot<'_> {
             last_round: 0,
             typical: renderer.hierarchy.typical.max(1e-20),
             sharp_alpha: renderer.settings.sharp_alpha(),
-            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest)),
+            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest())),
             store_columns: renderer.pixels.micro_buffers.columns(),
         }
     }

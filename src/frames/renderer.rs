@@ -226,6 +226,14 @@ impl Renderer {
         fits
     }
 
+    /// Puts another far field of the same size in the place of its own: the next frame of a stream of probes.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another size, or where it was made without.
+    pub fn set_far_field(&mut self, far_field: &FarField) -> Result<()> {
+        self.far_field.update(far_field)
+    }
+
     /// Settings of its frames.
     pub fn settings(&self) -> &Settings {
         &self.settings

@@ -34,4 +34,12 @@ impl GpuScene {
         let far_field = Arc::new(GpuFarField::new(context, far_field)?);
         Ok(Self { hierarchy, far_field, paper, bytes: context.bytes_now() - before })
     }
+
+    /// Puts another far field of the same size in the place of the one that it was made with, for all renderers of it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for another size, or where it was made without.
+    pub fn set_far_field(&self, far_field: &FarField) -> Result<()> {
+        self.far_field.update(far_field)
+    }
 }

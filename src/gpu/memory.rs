@@ -365,12 +365,21 @@ impl Image {
     /// As [`Image::new`].
     pub fn with_contents(context: &Arc<Context>, info: ImageInfo<'_>, levels: &[&[u8]]) -> Result<Self> {
         let image = Self::new(context, info)?;
-        run_once(context, |device, commands| image.transition(device, commands, Use::Undefined, Use::CopyTarget))?;
-        for (level, texels) in levels.iter().enumerate() {
-            image.upload_level(level as u32, (info.height >> level).max(1), texels)?;
-        }
-        run_once(context, |device, commands| image.transition(device, commands, Use::CopyTarget, Use::SampledRead))?;
+        image.replace(Use::Undefined, levels)?;
         Ok(image)
+    }
+
+    /// Replaces all levels, each tightly packed, of a sampled image that was used as `before`.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub(crate) fn replace(&self, before: Use, levels: &[&[u8]]) -> Result<()> {
+        let context = &self.context;
+        run_once(context, |device, commands| self.transition(device, commands, before, Use::CopyTarget))?;
+        for (level, texels) in levels.iter().enumerate() {
+            self.upload_level(level as u32, (self.height >> level).max(1), texels)?;
+        }
+        run_once(context, |device, commands| self.transition(device, commands, Use::CopyTarget, Use::SampledRead))
     }
 
     /// Fills a level of `height` rows, as many rows at once as the staging buffer holds. The image must be a copy target.

@@ -3,13 +3,14 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use ash::vk;
 use half::f16;
 
 use super::Gather;
 use super::rasterise::RasterInfo;
-use crate::Result;
+use crate::{Error, Result};
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet, Sampler};
 use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
@@ -145,8 +146,10 @@ pub struct GpuFarField {
     sampler: Sampler,
     /// Height in texels; 0 without a far field.
     pub height: u32,
-    /// The largest channel of any texel.
-    pub brightest: f32,
+    /// Bits of the largest channel of any texel.
+    brightest: AtomicU32,
+    /// Texels of 32-bit floats, not 16.
+    full: bool,
 }
 
 impl GpuFarField {
@@ -158,12 +161,8 @@ impl GpuFarField {
         let sampler = Sampler::new(context, vk::Filter::LINEAR, vk::SamplerAddressMode::CLAMP_TO_EDGE)?;
         let black = FarField { width: 1, height: 1, radiance: vec![glam::Vec3::ZERO] };
         let source = far_field.unwrap_or(&black);
-        let mut levels = vec![source.clone()];
-        while let Some(level) = levels.last().and_then(FarField::half) {
-            levels.push(level);
-        }
         let full = context.capabilities.linear_float32;
-        let texels: Vec<Vec<u8>> = levels.iter().map(|level| encode(level, full)).collect();
+        let levels = encoded_levels(source, full);
         let info = ImageInfo {
             name: "far field",
             width: source.width,
@@ -172,19 +171,59 @@ impl GpuFarField {
             format: if full { vk::Format::R32G32B32A32_SFLOAT } else { vk::Format::R16G16B16A16_SFLOAT },
             usage: vk::ImageUsageFlags::SAMPLED,
         };
-        let slices: Vec<&[u8]> = texels.iter().map(Vec::as_slice).collect();
+        let slices: Vec<&[u8]> = levels.iter().map(Vec::as_slice).collect();
         Ok(Self {
             image: Image::with_contents(context, info, &slices)?,
             sampler,
             height: far_field.map_or(0, |f| f.height),
-            brightest: source.radiance.iter().fold(0.0, |most, c| most.max(c.max_element())),
+            brightest: AtomicU32::new(brightest(source).to_bits()),
+            full,
         })
+    }
+
+    /// Puts another panorama of the same size in its place: the next frame of a sequence. All who share it see it.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another size, and where there was none; Vulkan's own errors.
+    pub fn update(&self, far_field: &FarField) -> Result<()> {
+        let (width, height) = (far_field.width, far_field.height);
+        if self.height == 0 || [width, height] != [self.image.width, self.image.height] {
+            let [old_width, old_height] = [self.image.width, self.height];
+            return Err(Error::Argument(format!(
+                "a far field of {width} x {height} cannot take the place of one of {old_width} x {old_height}"
+            )));
+        }
+        let levels = encoded_levels(far_field, self.full);
+        let slices: Vec<&[u8]> = levels.iter().map(Vec::as_slice).collect();
+        self.image.replace(Use::SampledRead, &slices)?;
+        self.brightest.store(brightest(far_field).to_bits(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// The largest channel of any texel.
+    pub fn brightest(&self) -> f32 {
+        f32::from_bits(self.brightest.load(Ordering::Relaxed))
     }
 
     /// The image under the name that shaders use.
     pub fn bindings<'a>(&'a self, others: Bindings<'a>) -> Bindings<'a> {
         others.sampled("far_field", &self.image, self.sampler.handle)
     }
+}
+
+fn brightest(far_field: &FarField) -> f32 {
+    far_field.radiance.iter().fold(0.0, |most, c| most.max(c.max_element()))
+}
+
+/// Texels of a panorama and of all its smaller levels.
+fn encoded_levels(source: &FarField, full: bool) -> Vec<Vec<u8>> {
+    let mut list = vec![encode(source, full)];
+    let mut next = source.half();
+    while let Some(level) = next {
+        list.push(encode(&level, full));
+        next = level.half();
+    }
+    list
 }
 
 fn encode(level: &FarField, full: bool) -> Vec<u8> {

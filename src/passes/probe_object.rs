@@ -1,6 +1,8 @@
 //! An object in the light of a probe: irradiance of its vertices by precomputed transfer, G-buffer, reflection
 //! (Hajisharif et al. 2012, 3.7).
 
+use std::fmt;
+use std::str::FromStr;
 use std::sync::Arc;
 
 use ash::vk;
@@ -58,6 +60,33 @@ pub enum Reflection {
 impl Default for Reflection {
     fn default() -> Self {
         Self::Lobes(32)
+    }
+}
+
+impl fmt::Display for Reflection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => f.write_str("none"),
+            Self::Lobes(_) => f.write_str("lobes"),
+            Self::Mirror(share) => write!(f, "mirror:{share}"),
+        }
+    }
+}
+
+impl FromStr for Reflection {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is no reflection; there are none, lobes, and mirror:SHARE with 0 to 1");
+        match text.split_once(':') {
+            None if text == "none" => Ok(Self::None),
+            None if text == "lobes" => Ok(Self::default()),
+            Some(("mirror", share)) => {
+                let share = share.parse().ok().filter(|share| (0.0..=1.0).contains(share));
+                share.map(Self::Mirror).ok_or_else(wrong)
+            }
+            _ => Err(wrong()),
+        }
     }
 }
 
@@ -279,6 +308,16 @@ fn padded(values: &[f32], count: usize) -> Vec<[f32; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn reflections_have_names() {
+        for reflection in [Reflection::None, Reflection::default(), Reflection::Mirror(0.25)] {
+            assert_eq!(reflection.to_string().parse(), Ok(reflection));
+        }
+        for wrong in ["", "mirror", "mirror:2", "mirror:nan", "lobes:3"] {
+            assert!(wrong.parse::<Reflection>().is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn runs_start_at_whole_texels() {

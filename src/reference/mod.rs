@@ -2,13 +2,14 @@
 //!
 //! [`rooms`] describes places in code, [`path_tracer`] lights them, [`bake`](mod@bake) stores that light so that it
 //! can be looked up, scanned as a point cloud and gathered at the pixels of an object ([`gather`](mod@gather)).
-//! [`patches`] compares patches of images.
+//! [`harmonics`] sums over panoramas; [`patches`] compares patches of images.
 
 pub mod bake;
 mod bvh;
 pub mod cut;
 mod emitters;
 pub mod gather;
+pub mod harmonics;
 pub mod patches;
 pub mod path_tracer;
 pub mod points;

@@ -25,6 +25,33 @@ pub fn sphere(radius: f32, subdivisions: u32) -> Object {
     object
 }
 
+/// A ball of radius 1 with bumps that shadow each other, over a ground of 6 x 6 at a height of -1.3: what the transfers of
+/// benchmarks are of. Both are grids of so many cells along either side, with one vertex more along each.
+pub fn bumpy_ball(ball: (u32, u32), ground: (u32, u32)) -> Object {
+    let mut object = Object::default();
+    add(&mut object, ball, Material::default(), |u, v| {
+        let (around, down) = (TAU * u, PI * v);
+        let radius = 1.0 + 0.25 * (7.0 * around).sin() * (5.0 * down).sin();
+        radius * Vec3::new(down.sin() * around.cos(), down.cos(), -down.sin() * around.sin())
+    });
+    add_level(&mut object, ground, 3.0, Vec3::new(0.0, -1.3, 0.0));
+    object
+}
+
+/// Adds the ground that an object stands on: level, `reach` times as wide as the object, of so many cells a side.
+pub fn add_ground(object: &mut Object, reach: f32, cells: u32) {
+    let (low, high) = object.bounds();
+    let size = high - low;
+    let middle = 0.5 * (low + high);
+    let half = 0.5 * reach * size.x.max(size.z);
+    add_level(object, (cells, cells), half, Vec3::new(middle.x, low.y - 1e-3 * size.y, middle.z));
+}
+
+/// A level square about `middle`, half as wide as `half` says.
+fn add_level(object: &mut Object, cells: (u32, u32), half: f32, middle: Vec3) {
+    add(object, cells, Material::default(), |u, v| middle + half * Vec3::new(2.0 * u - 1.0, 0.0, 2.0 * v - 1.0));
+}
+
 /// A demonstration piece about 0, 0.9 m tall: a matt clay plinth, on it a glossy twisted vase with fine flutes, and
 /// around its neck a knot of polished metal. About 60,000 triangles, three materials: `clay`, `glaze`, `metal`.
 pub fn trophy() -> Object {
@@ -186,6 +213,19 @@ mod tests {
         let volume = check(&sphere(0.5, 32));
         assert!((volume / (PI / 6.0) - 1.0).abs() < 0.01, "{volume}");
         assert!(check(&sphere(1.0, 0)) > 0.0);
+    }
+
+    #[test]
+    fn the_ground_lies_below_and_looks_up() {
+        let mut object = sphere(1.0, 8);
+        let before = object.vertices.len();
+        add_ground(&mut object, 4.0, 3);
+        let ground = &object.vertices[before..];
+        assert_eq!(ground.len(), 16);
+        assert!(ground.iter().all(|v| v.normal.distance(Vec3::Y) < 1e-3 && v.position.y < -1.0));
+        assert_eq!(object.bounds().1.x, 4.0);
+        let sizes = [((118, 60), (13, 13)), ((333, 163), (10, 15))].map(|(a, b)| bumpy_ball(a, b).vertices.len());
+        assert_eq!(sizes, [7455, 54_952], "those of Hajisharif 2012, Table 1");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 mod microbuffers;
 mod pbgi;
 mod points;
+mod probes;
 mod tables;
 mod truth;
 
@@ -18,6 +19,8 @@ pub(super) enum Verb {
     Truth(truth::Args),
     /// Time of the point renderer's passes over the size of the cloud: Bouchiba et al. 2018, Table 1
     Points(points::Args),
+    /// Projection, streams and transfer of light probes: Hajisharif et al. 2012, Tables 1 and 2
+    Probes(probes::Args),
 }
 
 pub(super) fn run(verb: &Verb) -> Result<()> {
@@ -26,5 +29,6 @@ pub(super) fn run(verb: &Verb) -> Result<()> {
         Verb::Microbuffers(args) => microbuffers::run(args),
         Verb::Truth(args) => truth::run(args),
         Verb::Points(args) => points::run(args),
+        Verb::Probes(args) => probes::run(args),
     }
 }

@@ -1,6 +1,7 @@
 //! `relume evaluate`: how well a step of the pipeline does where the truth is known.
 
 mod expansion;
+mod probes;
 pub(super) mod scenes;
 
 use clap::Subcommand;
@@ -11,10 +12,13 @@ use crate::Result;
 pub(super) enum Verb {
     /// The paper's Table 2: clouds with known HDR colours, exposed, clamped and expanded by every strategy
     Expansion(expansion::Args),
+    /// Pictures of an object in the light of a probe: with and without shadows, over directions and sizes, turning
+    Probes(probes::Args),
 }
 
 pub(super) fn run(verb: &Verb) -> Result<()> {
     match verb {
         Verb::Expansion(args) => expansion::run(args),
+        Verb::Probes(args) => probes::run(args),
     }
 }
