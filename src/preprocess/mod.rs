@@ -11,3 +11,4 @@ pub mod panorama_room;
 pub mod point_chunks;
 pub mod simplify;
 pub mod spacing;
+pub mod transfer;
