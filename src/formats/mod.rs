@@ -11,6 +11,7 @@ pub mod object;
 pub mod pcd;
 pub mod ply;
 mod points;
+pub mod prt;
 pub mod scene_file;
 pub mod source;
 mod table;

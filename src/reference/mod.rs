@@ -16,3 +16,4 @@ pub mod points;
 pub mod rooms;
 pub(crate) mod sampling;
 pub mod shapes;
+pub mod transfer;

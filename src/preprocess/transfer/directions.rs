@@ -1,0 +1,103 @@
+//! The directions in which visibility is sampled, in packets of neighbours.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+
+use super::packet::{LANES, Packet};
+use crate::scene::harmonics::basis;
+
+/// How many directions a request for `samples` gives: a full grid of strata.
+pub(super) fn count(samples: u32) -> u32 {
+    let (rows, columns) = grid(samples);
+    rows * columns
+}
+
+/// Strata in height and azimuth. Cells of 2 / rows by 2 pi / columns are about square at the equator.
+fn grid(samples: u32) -> (u32, u32) {
+    let rows = (f64::from(samples) / PI).sqrt().round().max(1.0) as u32;
+    (rows, samples.max(1).div_ceil(rows))
+}
+
+/// Unit vectors over the whole sphere, one in each of [`count`] strata of equal solid angle: Archimedes' theorem makes
+/// heights and azimuths uniform. The place inside of the stratum follows the R2 sequence (Roberts, "The Unreasonable
+/// Effectiveness of Quasirandom Sequences", 2018): without it all directions would lie on few circles, and walls along
+/// an axis would cover all of a circle or nothing of it.
+fn stratified(samples: u32) -> Vec<DVec3> {
+    let (rows, columns) = grid(samples);
+    let direction = |index: u32| {
+        let along = |step: f64, from: f64| (from + step * f64::from(index)).fract();
+        let (x, y) = (along(0.754_877_666_246_692_8, 0.5), along(0.569_840_290_998_053_3, 0.5));
+        let height = 1.0 - 2.0 * (f64::from(index / columns) + x) / f64::from(rows);
+        let (sine, cosine) = (TAU * (f64::from(index % columns) + y) / f64::from(columns)).sin_cos();
+        let across = (1.0 - height * height).max(0.0).sqrt();
+        DVec3::new(across * sine, height, across * cosine)
+    };
+    (0..rows * columns).map(direction).collect()
+}
+
+/// All directions, with the basis functions there.
+pub(super) struct Directions {
+    /// Neighbours, all in one octant.
+    pub(super) packets: Vec<Packet>,
+    /// [`LANES`] rows a packet of `order * order` basis functions each.
+    basis: Vec<f32>,
+    /// Length of a row.
+    functions: usize,
+    /// How many directions there are; the lanes that fill up packets do not count.
+    pub(super) count: u32,
+}
+
+impl Directions {
+    pub(super) fn new(samples: u32, order: usize) -> Self {
+        let functions = order * order;
+        let mut octants: [Vec<DVec3>; 8] = Default::default();
+        for direction in stratified(samples) {
+            octants[octant(direction)].push(direction);
+        }
+        let mut all = Self { packets: Vec::new(), basis: Vec::new(), functions, count: count(samples) };
+        for octant in &mut octants {
+            gather_neighbours(octant);
+            for lanes in octant.chunks(LANES) {
+                let at = |lane: usize| lanes[lane.min(lanes.len() - 1)];
+                all.packets.push(Packet::new(std::array::from_fn(|lane| at(lane).as_vec3()), lanes.len()));
+                all.basis.extend(
+                    (0..LANES).flat_map(|lane| basis(at(lane)).into_iter().take(functions).map(|value| value as f32)),
+                );
+            }
+        }
+        all
+    }
+
+    /// The basis functions at a lane's direction.
+    pub(super) fn basis(&self, packet: usize, lane: usize) -> &[f32] {
+        &self.basis[(packet * LANES + lane) * self.functions..][..self.functions]
+    }
+
+    /// Solid angle of a stratum, `w` of Hajisharif 2012, Eq. 8.
+    pub(super) fn solid_angle(&self) -> f32 {
+        (4.0 * PI / f64::from(self.count)) as f32
+    }
+}
+
+/// Which of the components are negative, as bits.
+fn octant(direction: DVec3) -> usize {
+    Vec3::is_negative_bitmask(direction.as_vec3()) as usize
+}
+
+/// Orders directions so that every [`LANES`] of them are neighbours: halves along the wider axis, again and again. A
+/// curve through a regular grid would not do, since its cells are slivers at the poles.
+fn gather_neighbours(directions: &mut [DVec3]) {
+    if directions.len() <= LANES {
+        return;
+    }
+    let low = directions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = directions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let axis = (high - low).max_position();
+    // All but the last packet are full.
+    let middle = (directions.len() / 2).next_multiple_of(LANES);
+    directions.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+    let (near, far) = directions.split_at_mut(middle);
+    gather_neighbours(near);
+    gather_neighbours(far);
+}
