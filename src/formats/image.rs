@@ -1,16 +1,18 @@
 //! Images: OpenEXR in and out, Radiance HDR in, PNG out.
 
 use std::io::Cursor;
+use std::ops::Range;
 use std::path::Path;
 
 use ::image::codecs::png::PngEncoder;
 use ::image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
 use exr::meta::MetaData;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes,
-    ReadChannels, ReadLayers, WritableImage, read,
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes, ReadChannels,
+    ReadLayers, WritableImage, read,
 };
 use glam::Vec3;
+use half::slice::HalfFloatSliceExt;
 
 pub use super::color::{decode_srgb, encode_srgb};
 use super::{extension, read_bytes, whole};
@@ -24,7 +26,7 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::File`] where the extension is another, or the file cannot be read or has no pixels or no colours.
 pub fn read_far_field(path: &Path) -> Result<FarField> {
-    let Picture { width, height, rgb } = read_radiance(path, "panorama")?;
+    let Picture { width, height, rgb } = read_radiance(path, "panorama", Decompress::Together)?;
     if (i64::from(width) - 2 * i64::from(height)).abs() > 1 {
         tracing::warn!("{}: {width}x{height} is not 2:1, as a lat-long panorama should be", path.display());
     }
@@ -37,13 +39,31 @@ pub fn read_far_field(path: &Path) -> Result<FarField> {
 /// # Errors
 /// [`Error::File`] where the extension is another, or the file cannot be read or has no pixels or no colours.
 pub fn read_photo(path: &Path) -> Result<Picture> {
-    read_radiance(path, "HDR photo")
+    read_radiance(path, "HDR photo", Decompress::Together)
 }
 
-fn read_radiance(path: &Path, what: &str) -> Result<Picture> {
+/// Reads one frame of a light probe as [`read_photo`] does, on the calling thread alone: a stream of frames has its own
+/// threads, and with one frame a thread none of them waits for another.
+///
+/// # Errors
+/// As those of [`read_photo`].
+pub fn read_probe(path: &Path) -> Result<Picture> {
+    read_radiance(path, "light probe", Decompress::Alone)
+}
+
+/// Who decompresses the blocks of an EXR file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Decompress {
+    /// A pool of threads that is made for the file.
+    Together,
+    /// The calling thread.
+    Alone,
+}
+
+fn read_radiance(path: &Path, what: &str, decompress: Decompress) -> Result<Picture> {
     let (width, height, mut rgb) = match extension(path).as_str() {
         "exr" => {
-            let image = read_rgba_exr(path)?;
+            let image = read_exr(path, decompress)?;
             (image.width, image.height, image.rgb)
         }
         "hdr" => read_radiance_hdr(path)?,
@@ -107,6 +127,10 @@ pub struct ExrImage {
 /// # Errors
 /// [`Error::File`] where the file is no EXR, is damaged or cut short, or has no colour channels.
 pub fn read_rgba_exr(path: &Path) -> Result<ExrImage> {
+    read_exr(path, Decompress::Together)
+}
+
+fn read_exr(path: &Path, decompress: Decompress) -> Result<ExrImage> {
     let bytes = read_bytes(path)?;
     let bad = |e: exr::error::Error| Error::file(path, format!("is not a readable EXR file: {e}"));
     let meta = MetaData::read_from_buffered(bytes.as_slice(), false).map_err(bad)?;
@@ -115,14 +139,10 @@ pub fn read_rgba_exr(path: &Path) -> Result<ExrImage> {
         let channels = header.channels.list.len() as u64;
         check_size(path, header.layer_size.into(), 2 * channels, (2048 * bytes.len() as u64).max(1 << 29))?;
     }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_buffered(Cursor::new(bytes.as_slice()))
-        .map_err(bad)?;
+    let reader =
+        read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+    let reader = if decompress == Decompress::Alone { reader.non_parallel() } else { reader };
+    let image = reader.from_buffered(Cursor::new(bytes.as_slice())).map_err(bad)?;
     let layer = &image.layer_data;
     let channels = &layer.channel_data.list;
     let find = |name: &str| channels.iter().find(|c| c.name.to_string().eq_ignore_ascii_case(name));
@@ -153,18 +173,42 @@ pub fn read_rgba_exr(path: &Path) -> Result<ExrImage> {
         rgb: vec![Vec3::ZERO; width * height],
         alpha: vec![0.0; width * height],
     };
-    for row in 0..layer.size.1 {
-        for column in 0..layer.size.0 {
-            let (x, y) = (column as i64 + i64::from(shift.0), row as i64 + i64::from(shift.1));
-            if (0..width as i64).contains(&x) && (0..height as i64).contains(&y) {
-                let (from, to) = (row * layer.size.0 + column, y as usize * width + x as usize);
-                let value = |channel: &AnyChannel<FlatSamples>| channel.sample_data.value_by_flat_index(from).to_f32();
-                result.rgb[to] = Vec3::from(colors.map(value));
-                result.alpha[to] = alpha.map_or(1.0, value);
-            }
+    // The columns and rows of the display window that have data.
+    let covered = |shift: i32, data: usize, side: usize| {
+        let clamp = |at: i64| at.clamp(0, side as i64) as usize;
+        clamp(shift.into())..clamp(i64::from(shift) + data as i64)
+    };
+    let (columns, rows) = (covered(shift.0, layer.size.0, width), covered(shift.1, layer.size.1, height));
+    let mut scratch: [Vec<f32>; 4] = Default::default();
+    let [scratch_r, scratch_g, scratch_b, scratch_a] = &mut scratch;
+    for y in if columns.is_empty() { 0..0 } else { rows } {
+        let first = (y as i64 - i64::from(shift.1)) as usize * layer.size.0;
+        let from = first + (columns.start as i64 - i64::from(shift.0)) as usize;
+        let (from, to) = (from..from + columns.len(), y * width + columns.start..y * width + columns.end);
+        let [r, g, b] = colors.map(|channel| &channel.sample_data);
+        let r = as_floats(r, from.clone(), scratch_r);
+        let g = as_floats(g, from.clone(), scratch_g);
+        let b = as_floats(b, from.clone(), scratch_b);
+        for (rgb, ((&r, &g), &b)) in result.rgb[to.clone()].iter_mut().zip(r.iter().zip(g).zip(b)) {
+            *rgb = Vec3::new(r, g, b);
+        }
+        match alpha {
+            Some(alpha) => result.alpha[to].copy_from_slice(as_floats(&alpha.sample_data, from, scratch_a)),
+            None => result.alpha[to].fill(1.0),
         }
     }
     Ok(result)
+}
+
+/// Part of a channel as 32-bit floats, in `scratch` where it is stored as something else.
+fn as_floats<'a>(samples: &'a FlatSamples, part: Range<usize>, scratch: &'a mut Vec<f32>) -> &'a [f32] {
+    scratch.resize(part.len(), 0.0);
+    match samples {
+        FlatSamples::F32(values) => return &values[part],
+        FlatSamples::F16(values) => values[part].convert_to_f32_slice(scratch),
+        FlatSamples::U32(values) => scratch.iter_mut().zip(&values[part]).for_each(|(to, &from)| *to = from as f32),
+    }
+    scratch
 }
 
 /// What goes into one EXR file. All slices hold `width * height` values, row by row from the top.
