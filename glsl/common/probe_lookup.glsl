@@ -3,23 +3,32 @@
 layout(binding = 20) uniform samplerBuffer probe_texels;
 layout(std430, binding = 21) readonly buffer ProbeLevels { uvec4 probe_levels[]; }; // width, height, first texel
 
-vec3 probe_texel(uvec4 level, ivec2 at) {
-    ivec2 size = ivec2(level.xy);
-    // Beyond a pole the sphere goes on half a turn away.
-    if (at.y < 0 || at.y >= size.y) at = ivec2(at.x + size.x / 2, at.y < 0 ? -1 - at.y : 2 * size.y - 1 - at.y);
-    int column = at.x % size.x;
-    if (column < 0) column += size.x;
-    return texelFetch(probe_texels, int(level.z) + at.y * size.x + column).rgb;
+// Where texels of a row begin, and by how many columns they are shifted: beyond a pole the sphere goes on half a turn away.
+ivec2 probe_row(ivec3 level, int row) {
+    bool beyond = row < 0 || row >= level.y;
+    int inside = row < 0 ? -1 - row : row >= level.y ? 2 * level.y - 1 - row : row;
+    return ivec2(level.z + inside * level.x, beyond ? level.x / 2 : 0);
+}
+
+vec3 probe_texel(ivec3 level, ivec2 row, int column) {
+    column += row.y;
+    if (column >= level.x) column -= level.x;
+    return texelFetch(probe_texels, row.x + column).rgb;
 }
 
 vec3 probe_level(uint index, vec2 uv) {
-    uvec4 level = probe_levels[index];
+    ivec3 level = ivec3(probe_levels[index].xyz);
     vec2 place = uv * vec2(level.xy) - 0.5;
     vec2 corner = floor(place);
     vec2 part = place - corner;
-    ivec2 at = ivec2(corner);
-    vec3 upper = mix(probe_texel(level, at), probe_texel(level, at + ivec2(1, 0)), part.x);
-    vec3 lower = mix(probe_texel(level, at + ivec2(0, 1)), probe_texel(level, at + ivec2(1, 1)), part.x);
+    int left = int(corner.x);
+    if (left < 0) left += level.x;
+    else if (left >= level.x) left -= level.x;
+    int right = left + 1 == level.x ? 0 : left + 1;
+    ivec2 upper_row = probe_row(level, int(corner.y));
+    ivec2 lower_row = probe_row(level, int(corner.y) + 1);
+    vec3 upper = mix(probe_texel(level, upper_row, left), probe_texel(level, upper_row, right), part.x);
+    vec3 lower = mix(probe_texel(level, lower_row, left), probe_texel(level, lower_row, right), part.x);
     return mix(upper, lower, part.y);
 }
 

@@ -7,7 +7,8 @@
 #include "shared/probe.glsl"
 
 layout(constant_id = 0) const uint ORDER = 4u;
-const uint GROUP = 32u;
+const uint GROUP_BITS = 5u;
+const uint GROUP = 1u << GROUP_BITS;
 const uint COUNT = ORDER * ORDER;
 layout(local_size_x = GROUP) in;
 
@@ -108,11 +109,12 @@ void main() {
     }
 
     // Halved until one sum of each function is left, all functions at once.
-    for (uint stride = GROUP / 2u; stride > 0u; stride /= 2u) {
+    for (uint bits = GROUP_BITS; bits > 0u;) {
+        --bits;
         barrier();
-        for (uint at = gl_LocalInvocationIndex; at < COUNT * stride; at += GROUP) {
-            uint slot = (at / stride) * GROUP + at % stride;
-            sums[slot] += sums[slot + stride];
+        for (uint at = gl_LocalInvocationIndex; at < COUNT << bits; at += GROUP) {
+            uint slot = (at >> bits) * GROUP + (at & ((1u << bits) - 1u));
+            sums[slot] += sums[slot + (1u << bits)];
         }
     }
     barrier();

@@ -15,6 +15,11 @@ float row_solid_angle(int row) {
     return sin(pi * (float(row) + 0.5) / float(probe.height));
 }
 
+// A column up to a width beyond the edges; quicker than a division.
+int wrapped(int column, int width) {
+    return column < 0 ? column + width : column >= width ? column - width : column;
+}
+
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= probe.target_width * probe.target_height) return;
@@ -31,7 +36,7 @@ void main() {
         int row = y < 0 ? -1 - y : y >= size.y ? 2 * size.y - 1 - y : y;
         float along = (1.0 - abs(float(y) - centre.y) / reach.y) * row_solid_angle(row);
         for (int x = low.x; x <= high.x; ++x) {
-            int column = (x + (beyond ? size.x / 2 : 0) + size.x) % size.x;
+            int column = wrapped(x + (beyond ? size.x / 2 : 0), size.x);
             float weight = (1.0 - abs(float(x) - centre.x) / reach.x) * along;
             sum += weight * texelFetch(probe_texels, int(probe.first) + row * size.x + column).rgb;
             weights += weight;

@@ -61,8 +61,8 @@ impl Default for Projection {
 
 /// Invocations of a workgroup of `project.comp`.
 const GROUP: u32 = 32;
-/// A software device has few cores, which like long loops.
-const SOFTWARE_ROWS: u32 = 64;
+/// A software device has few cores, which like long loops: so many workgroups are enough to share out.
+const SOFTWARE_GROUPS: u32 = 8;
 /// Others have thousands of lanes to fill.
 const ROWS: u32 = 8;
 
@@ -209,8 +209,10 @@ impl ProbeLight {
         let column_table =
             Buffer::texels_from_slice(context, "probe columns", &columns(projected.width), vk::Format::R32G32_SFLOAT)?;
         let software = context.capabilities.kind == vk::PhysicalDeviceType::CPU;
-        let per_invocation = self.projection.rows.unwrap_or(if software { SOFTWARE_ROWS } else { ROWS }).max(1);
-        let groups = projected.width.div_ceil(GROUP) * projected.height.div_ceil(2).div_ceil(per_invocation);
+        let (across, pairs) = (projected.width.div_ceil(GROUP), projected.height.div_ceil(2));
+        let quick = if software { pairs.div_ceil((SOFTWARE_GROUPS / across).max(1)) } else { ROWS };
+        let per_invocation = self.projection.rows.unwrap_or(quick).max(1);
+        let groups = across * pairs.div_ceil(per_invocation);
         let coefficients = (self.projection.order * self.projection.order) as u64;
         let partials = Buffer::new(context, "probe partial sums", u64::from(groups) * coefficients * 16)?;
         let bindings = Bindings::new()
