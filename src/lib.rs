@@ -2,7 +2,8 @@
 //!
 //! The story, in the order in which data flows:
 //!
-//! 1. [`formats`] read a coloured point cloud, an object and a far field into [`scene`] types.
+//! 1. [`formats`] read a coloured point cloud, an object and a far field into [`scene`] types;
+//!    [`probes`] have far fields that change over time, decoded ahead of the clock.
 //! 2. [`preprocess`] estimates what the scan lacks (normals, spacing) and builds a bounding sphere hierarchy.
 //! 3. [`gpu`] is a thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler.
 //! 4. [`passes`] hold one GPU pass a file; [`frames`] list the passes of a technique in order.
@@ -22,6 +23,7 @@ pub mod frames;
 pub mod gpu;
 pub mod passes;
 pub mod preprocess;
+pub mod probes;
 pub mod reference;
 pub mod scene;
 pub mod trace;

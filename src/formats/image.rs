@@ -8,8 +8,8 @@ use ::image::codecs::png::PngEncoder;
 use ::image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
 use exr::meta::MetaData;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes, ReadChannels,
-    ReadLayers, WritableImage, read,
+    AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes,
+    ReadChannels, ReadLayers, WritableImage, read,
 };
 use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
@@ -139,8 +139,7 @@ fn read_exr(path: &Path, decompress: Decompress) -> Result<ExrImage> {
         let channels = header.channels.list.len() as u64;
         check_size(path, header.layer_size.into(), 2 * channels, (2048 * bytes.len() as u64).max(1 << 29))?;
     }
-    let reader =
-        read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+    let reader = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
     let reader = if decompress == Decompress::Alone { reader.non_parallel() } else { reader };
     let image = reader.from_buffered(Cursor::new(bytes.as_slice())).map_err(bad)?;
     let layer = &image.layer_data;
