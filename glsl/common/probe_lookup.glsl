@@ -32,7 +32,8 @@ vec3 probe_level(uint index, vec2 uv) {
     return mix(upper, lower, part.y);
 }
 
-// Mean radiance over about the given solid angle, steradians; the finest there is for 0.
+// Mean radiance over about the given solid angle, steradians; the finest there is for 0. Of the two levels between which
+// it lies the nearer one: whoever takes many samples sees no steps.
 vec3 probe_radiance(vec3 direction, float solid_angle) {
     const float pi = 3.14159265358979;
     vec2 uv = vec2(0.5 + atan(direction.x, -direction.z) / (2.0 * pi), acos(clamp(direction.y, -1.0, 1.0)) / pi);
@@ -42,9 +43,5 @@ vec3 probe_radiance(vec3 direction, float solid_angle) {
     float texel = 2.0 * pi * pi / float(finest.x * finest.y) * max(across, 1e-6);
     float wanted = 0.5 * log2(max(solid_angle, 1e-12) / texel);
     float most = float(probe_levels.length()) - 1.0;
-    float level = clamp(wanted, 0.0, most);
-    uint lower = min(uint(level), uint(most));
-    vec3 fine = probe_level(lower, uv);
-    float part = level - float(lower);
-    return part > 0.0 ? mix(fine, probe_level(lower + 1u, uv), part) : fine;
+    return probe_level(uint(clamp(wanted + 0.5, 0.0, most)), uv);
 }

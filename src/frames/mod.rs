@@ -69,6 +69,57 @@ impl FromStr for Technique {
     }
 }
 
+/// A way of lighting an object, by its name on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(into = "String")]
+pub enum Method {
+    /// A cloud's light is gathered at each pixel.
+    Cloud(Technique),
+    /// Light from infinity alone, by spherical harmonics ([`probes`]).
+    Probes,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Cloud(Technique::Classic),
+        Self::Cloud(Technique::Mipmapped),
+        Self::Cloud(Technique::Hybrid),
+        Self::Cloud(Technique::Shared),
+        Self::Probes,
+    ];
+
+    /// The name it has everywhere.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cloud(technique) => technique.name(),
+            Self::Probes => "probes",
+        }
+    }
+}
+
+impl From<Method> for String {
+    fn from(method: Method) -> Self {
+        method.name().to_owned()
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Method {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|method| method.name() == text).ok_or_else(|| {
+            format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared and probes")
+        })
+    }
+}
+
 /// Technique, sizes and thresholds together, from curves of error over time (`bench truth`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -247,4 +298,18 @@ pub struct FrameStats {
     pub device_bytes_peak: u64,
     /// Wall time from G-buffer to image, milliseconds.
     pub wall_ms: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_technique_has_its_name() {
+        for method in Method::ALL {
+            assert_eq!(method.name().parse(), Ok(method));
+            assert_eq!(serde_json::to_value(method).expect("JSON"), method.name());
+        }
+        assert!("lamp".parse::<Method>().is_err());
+    }
 }

@@ -1,7 +1,5 @@
 //! What lights the object: a cloud, with the current probe beyond it, or probes alone.
 
-use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 
 use glam::Affine3A;
@@ -11,64 +9,22 @@ use super::{Args, HarmonicsArgs};
 use crate::cli::{progress, values};
 use crate::formats::prt::{self, Source};
 use crate::frames::probes::{ProbeRenderer, ProbeSettings, Projection};
-use crate::frames::{Frame, Renderer, Settings, Technique};
+use crate::frames::{Frame, Method, Renderer, Settings, Technique};
 use crate::gpu::{Context, Profile};
 use crate::preprocess::transfer::{Transfer, TransferOptions};
 use crate::scene::{Camera, FarField, Object};
 use crate::{Error, Result};
 
-/// A technique by its name on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[serde(untagged)]
-pub(in crate::cli) enum Method {
-    /// The cloud's light is gathered at each pixel.
-    Cloud(Technique),
-    /// Light from infinity alone, by spherical harmonics.
-    #[serde(serialize_with = "probes_name")]
-    Probes,
-}
-
-fn probes_name<S: serde::Serializer>(serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(PROBES)
-}
-
-/// The name that technique `probes` has everywhere.
-const PROBES: &str = "probes";
-
-impl fmt::Display for Method {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Cloud(technique) => technique.fmt(f),
-            Self::Probes => f.write_str(PROBES),
-        }
-    }
-}
-
-impl FromStr for Method {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            PROBES => Ok(Self::Probes),
-            _ => text.parse().map(Self::Cloud).map_err(|_| {
-                format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared and {PROBES}")
-            }),
-        }
-    }
-}
-
-impl Method {
-    /// What was asked for; else what the quality has, or classic with one line about why; without a cloud, probes.
-    pub(super) fn pick(args: &Args, context: &Context) -> Self {
-        match (args.technique, context.why_no_feedback()) {
-            (Some(method), _) => method,
-            (None, _) if args.cloud.is_none() => Self::Probes,
-            (None, None) if args.paper.is_some() => Self::Cloud(Technique::Hybrid),
-            (None, None) => Self::Cloud(args.quality.settings().technique),
-            (None, Some(why)) => {
-                tracing::warn!("{why}");
-                Self::Cloud(Technique::Classic)
-            }
+/// What was asked for; else what the quality has, or classic with one line about why; without a cloud, probes.
+pub(super) fn pick(args: &Args, context: &Context) -> Method {
+    match (args.technique, context.why_no_feedback()) {
+        (Some(method), _) => method,
+        (None, _) if args.cloud.is_none() => Method::Probes,
+        (None, None) if args.paper.is_some() => Method::Cloud(Technique::Hybrid),
+        (None, None) => Method::Cloud(args.quality.settings().technique),
+        (None, Some(why)) => {
+            tracing::warn!("{why}");
+            Method::Cloud(Technique::Classic)
         }
     }
 }
@@ -171,19 +127,4 @@ pub(super) fn transfer(args: &Args, object: &Object) -> Result<Option<Transfer>>
         tracing::warn!("the transfer is not kept: {error}");
     }
     Ok(Some(transfer))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_technique_has_its_name() {
-        for name in ["classic", "mipmapped", "hybrid", "shared", "probes"] {
-            let method: Method = name.parse().expect("a technique");
-            assert_eq!(method.to_string(), name);
-            assert_eq!(serde_json::to_value(method).expect("JSON"), name);
-        }
-        assert!("lamp".parse::<Method>().is_err());
-    }
 }

@@ -21,11 +21,11 @@ use super::{progress, values};
 use crate::formats::cloud::Up;
 use crate::formats::object;
 use crate::frames::probes::Reflection;
-use crate::frames::{MaterialChoice, Paper, Quality, Settings};
+use crate::frames::{MaterialChoice, Method, Paper, Quality, Settings};
 use crate::gpu::{Capture, Context, ContextOptions};
 use crate::trace::Trace;
 use crate::{Error, Result};
-use lighting::{Method, Placed};
+use lighting::Placed;
 pub(super) use load::load_cloud;
 use sequence::FrameNames;
 use source::Source;
@@ -232,7 +232,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let options = ContextOptions { device: args.device.clone(), validation: args.validation };
         Context::traced(&options, trace.clone())
     })?;
-    let method = Method::pick(args, &context);
+    let method = lighting::pick(args, &context);
     check(args, method)?;
     let names = FrameNames::new(&args.out)?;
     let object = clock.time("object", || object::load(&args.object))?;

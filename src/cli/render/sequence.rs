@@ -42,6 +42,19 @@ impl FrameNames {
         }
     }
 
+    /// Removes what a run that was killed has left of the frame that it was at.
+    fn clear_parts(&self) {
+        let Some((before, _, _)) = &self.parts else { return };
+        let folder = self.pattern.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with(&format!(".{before}")) && name.ends_with(".part") {
+                // It is in nobody's way.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+
     /// The file that says which frames are there, while not all are.
     fn journal(&self) -> PathBuf {
         let name = self.pattern.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -70,6 +83,7 @@ impl Journal {
             fs::write(&path, format!("{job}\n")).map_err(|e| Error::file(&path, format!("cannot be written: {e}")))?;
             return Ok(Self { path, done: Vec::new() });
         }
+        names.clear_parts();
         // A last line without its end may be cut short.
         let whole = lines.filter_map(|line| line.strip_suffix('\n')?.parse().ok());
         let done = whole.filter(|number| names.path(*number).is_file()).collect();

@@ -6,11 +6,10 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::lighting::Method;
 use super::load::Scan;
 use super::write_json;
 use crate::Result;
-use crate::frames::{Frame, FrameStats, MaterialChoice, Paper, Settings};
+use crate::frames::{Frame, FrameStats, MaterialChoice, Method, Paper, Settings};
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Context, Profile};
 use crate::probes::StreamStats;

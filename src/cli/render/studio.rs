@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use indicatif::ProgressBar;
 
-use super::lighting::{Lighting, Method, Placed};
+use super::lighting::{Lighting, Placed};
 use super::load::Scan;
 use super::sequence::FrameNames;
 use super::source::Next;
@@ -13,7 +13,7 @@ use super::stats::{Clock, Totals};
 use super::{Args, write_frame};
 use crate::Result;
 use crate::cli::backdrop::{Around, ScanPicture};
-use crate::frames::{Frame, Settings};
+use crate::frames::{Frame, Method, Settings};
 use crate::gpu::{Capture, Context};
 use crate::scene::{Camera, FarField};
 
