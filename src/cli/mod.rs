@@ -16,6 +16,7 @@ mod project;
 mod render;
 mod scene_flags;
 mod stage;
+mod transfer;
 mod values;
 mod view;
 
@@ -40,6 +41,8 @@ enum Verb {
     Bake(bake::Args),
     /// Build the hierarchy of a cloud and save it
     Build(build::Args),
+    /// Compute what distant light does at the vertices of an object, shadows included, and save it
+    Transfer(transfer::Args),
     /// Expand the dynamic range of a cloud from an HDR photo
     Expand(Box<expand::Args>),
     /// Light an object inside a cloud, or by light probes
@@ -79,6 +82,7 @@ pub fn run(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<()
         Verb::Demo(args) => demo::run(&args),
         Verb::Bake(args) => bake::run(&args),
         Verb::Build(args) => build::run(&args),
+        Verb::Transfer(args) => transfer::run(&args),
         Verb::Expand(args) => expand::run(&args),
         Verb::Render(args) => render::run(&args),
         Verb::Project(args) => project::run(&args),

@@ -285,7 +285,8 @@ pub fn key(object: &Object, bounces: u32) -> u64 {
         let index = Some(crate::scene::TextureRef { texture: index });
         if object.materials.iter().any(|m| m.base_color_texture == index || m.metallic_roughness_texture == index) {
             hash.put_all(texture.rgba.len(), [texture.width, texture.height, u32::from(texture.srgb)].into_iter());
-            let words = texture.rgba.chunks(4).map(|bytes| bytes.iter().fold(0, |word, &byte| word << 8 | u32::from(byte)));
+            let words =
+                texture.rgba.chunks(4).map(|bytes| bytes.iter().fold(0, |word, &byte| word << 8 | u32::from(byte)));
             hash.put_all(texture.rgba.len(), words);
         }
     }

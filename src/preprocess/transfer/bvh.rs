@@ -16,6 +16,9 @@ const NODE_COST: f32 = 1.0;
 const BINNED_DEPTH: usize = 40;
 /// One entry stays on the stack a level.
 pub(super) const STACK: usize = BINNED_DEPTH + 32 + 2;
+/// Boxes are larger than their triangles by this share of the largest coordinate, since the edges that a ray sees are
+/// as far off by rounding: where it finds the triangle, it has to find the box.
+const PAD: f32 = 4e-6;
 /// Subtrees of fewer triangles are built by one thread.
 const TASK: usize = 4096;
 
@@ -103,16 +106,15 @@ impl Bvh {
     /// Builds the hierarchy of at most `u32::MAX / 2` triangles. Those without an area or with a corner that is not
     /// finite can't be hit and are left out; `number` counts them nevertheless.
     pub(super) fn new(triangles: &[[Vec3; 3]]) -> Self {
-        let mut items: Vec<Item> = triangles
-            .par_iter()
-            .enumerate()
-            .filter(|(_, corners)| has_area(corners))
-            .map(|(number, &corners)| Item {
-                low: corners[0].min(corners[1]).min(corners[2]),
-                high: corners[0].max(corners[1]).max(corners[2]),
-                triangle: Triangle { corners, number: number as u32 },
-            })
-            .collect();
+        let usable = || triangles.par_iter().enumerate().filter(|(_, corners)| has_area(corners));
+        let largest = |corners: &[Vec3; 3]| corners.iter().fold(0.0, |most, c| c.abs().max_element().max(most));
+        let pad = PAD * usable().map(|(_, corners)| largest(corners)).reduce(|| 0.0, f32::max);
+        let item = |(number, &corners): (usize, &[Vec3; 3])| Item {
+            low: corners[0].min(corners[1]).min(corners[2]) - pad,
+            high: corners[0].max(corners[1]).max(corners[2]) + pad,
+            triangle: Triangle { corners, number: number as u32 },
+        };
+        let mut items: Vec<Item> = usable().map(item).collect();
         if items.is_empty() {
             return Self { nodes: Vec::new(), triangles: Vec::new() };
         }

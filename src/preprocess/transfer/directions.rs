@@ -101,3 +101,45 @@ fn gather_neighbours(directions: &mut [DVec3]) {
     gather_neighbours(near);
     gather_neighbours(far);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_stratum_has_one_direction_and_each_direction_one_lane() {
+        for samples in [1, 2, 3, 9, 100, 900, 2500] {
+            let all = Directions::new(samples, 3);
+            assert!(all.count >= samples && all.count <= samples + samples.isqrt() + 1, "{samples}: {}", all.count);
+            let (rows, columns) = grid(samples);
+            let mut seen = vec![0; all.count as usize];
+            for (number, packet) in all.packets.iter().enumerate() {
+                let from_all_sides = [Vec3::X, Vec3::NEG_X].map(|normal| packet.above(normal));
+                for lane in 0..LANES {
+                    let direction = packet.direction(lane);
+                    assert!(direction.is_normalized());
+                    assert!((all.basis(number, lane)[2] - (0.75 / PI).sqrt() as f32 * direction.y).abs() < 1e-6);
+                    let mut ends = from_all_sides.iter().flatten().map(|(_, ends)| ends[lane / 4][lane % 4]);
+                    if ends.any(|end| end > 0.0) {
+                        let row = (f64::from(0.5 - 0.5 * direction.y) * f64::from(rows)) as u32;
+                        let turn = f64::from(direction.x.atan2(direction.z)).rem_euclid(TAU) / TAU;
+                        seen[(row * columns + (turn * f64::from(columns)) as u32) as usize] += 1;
+                    }
+                }
+            }
+            assert!(seen.iter().all(|&count| count == 1), "{samples}: {seen:?}");
+        }
+    }
+
+    #[test]
+    fn packets_are_narrow() {
+        let all = Directions::new(2500, 1);
+        let width = |packet: &Packet| {
+            let middle = (0..LANES).map(|lane| packet.direction(lane)).sum::<Vec3>().normalize();
+            (0..LANES).map(|lane| packet.direction(lane).angle_between(middle)).fold(0.0, f32::max)
+        };
+        let mean = all.packets.iter().map(width).sum::<f32>() / all.packets.len() as f32;
+        // 16 cells of a regular grid, four by four, reach 0.20 from their middle
+        assert!(mean < 0.25, "{mean}");
+    }
+}

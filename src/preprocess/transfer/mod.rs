@@ -24,7 +24,7 @@ use directions::Directions;
 use packet::{BLOCKED, LANES};
 
 /// How far above its vertex a ray begins, in diagonals of the object's bounds. Rounding moves a surface by some 1e-7 of
-/// them, which must not shadow it; gaps between parts that touch are hardly ever narrower than 1e-5.
+/// them, which must not shadow it; what lies closer than 1e-5 of them touches, as far as light is concerned.
 const OFFSET: f32 = 1e-5;
 
 /// Vertices that one task does: few enough to share the work evenly, and neighbours, which meet the same triangles.
@@ -69,7 +69,9 @@ impl TransferOptions {
             return wrong("bounces of the transfer", &self.bounces, &Self::BOUNCES);
         }
         if self.bounces > 0 && !self.visibility {
-            return Err(Error::Argument("bounces of the transfer need visibility: light is reflected by occluders".into()));
+            return Err(Error::Argument(
+                "bounces of the transfer need visibility: light is reflected by occluders".into(),
+            ));
         }
         Ok(())
     }
@@ -189,6 +191,20 @@ fn unshadowed(normal: Vec3, out: &mut [f32]) {
     }
 }
 
+/// [`Scene::inwards`], for vertices at `places`.
+fn inwards(object: &Object, places: &[Vec3]) -> Vec<Vec3> {
+    let mut sums = vec![(Vec3::ZERO, 0.0_f32); places.len()];
+    for triangle in object.indices.chunks_exact(3) {
+        let [a, b, c] = [0, 1, 2].map(|corner| triangle[corner] as usize);
+        let middle = (places[a] + places[b] + places[c]) / 3.0;
+        for corner in [a, b, c] {
+            sums[corner].0 += (middle - places[corner]).normalize_or_zero();
+            sums[corner].1 += 1.0;
+        }
+    }
+    sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
+}
+
 /// An object ready to be traced: moved and scaled so that the diagonal of its bounds is 1 and its middle 0, since f32
 /// has few digits left a million metres from the origin.
 struct Scene<'a> {
@@ -197,6 +213,9 @@ struct Scene<'a> {
     directions: Directions,
     middle: DVec3,
     scale: f64,
+    /// A vertex's mean direction to the middles of its triangles. Rays begin a little to that side: in a crease between
+    /// two walls a vertex of the one lies in the plane of the other, and a ray from there could not tell its sides apart.
+    inwards: Vec<Vec3>,
 }
 
 impl<'a> Scene<'a> {
@@ -208,11 +227,12 @@ impl<'a> Scene<'a> {
         let scale = if diagonal.is_finite() && diagonal > 0.0 { diagonal.recip() } else { 1.0 };
         let directions = Directions::new(options.samples, options.order);
         let mut scene =
-            Self { object, bvh: Bvh::new(&[]), directions, middle: 0.5 * (low + high), scale };
+            Self { object, bvh: Bvh::new(&[]), directions, middle: 0.5 * (low + high), scale, inwards: Vec::new() };
         let corners: Vec<Vec3> = object.vertices.par_iter().map(|vertex| scene.place(vertex)).collect();
         let triangle = |indices: &[u32]| [0, 1, 2].map(|corner: usize| corners[indices[corner] as usize]);
         let triangles: Vec<[Vec3; 3]> = object.indices.par_chunks_exact(3).map(triangle).collect();
         scene.bvh = Bvh::new(&triangles);
+        scene.inwards = inwards(object, &corners);
         scene
     }
 
@@ -221,23 +241,23 @@ impl<'a> Scene<'a> {
         ((vertex.position.as_dvec3() - self.middle) * self.scale).as_vec3()
     }
 
-    /// Calls `each` with every vertex that has a normal and with its part of `values`, in parallel; `step` after each
+    /// Calls `each` with every vertex and its part of `values`, in parallel; `step` after each
     /// task.
-    fn for_each_vertex(&self, values: &mut [f32], step: &(dyn Fn() + Sync), each: impl Fn(&Vertex, &mut [f32]) + Sync) {
+    fn for_each_vertex(&self, values: &mut [f32], step: &(dyn Fn() + Sync), each: impl Fn(usize, &mut [f32]) + Sync) {
         let Some(size) = values.len().checked_div(self.object.vertices.len()) else { return };
-        let tasks = values.par_chunks_mut(size * TASK).zip(self.object.vertices.par_chunks(TASK));
-        tasks.for_each(|(values, vertices)| {
-            for (values, vertex) in values.chunks_exact_mut(size).zip(vertices) {
-                each(vertex, values);
+        values.par_chunks_mut(size * TASK).enumerate().for_each(|(task, values)| {
+            for (n, values) in values.chunks_exact_mut(size).enumerate() {
+                each(task * TASK + n, values);
             }
             step();
         });
     }
 
     /// Where the rays of a vertex begin, and its normal.
-    fn start(&self, vertex: &Vertex) -> Option<(Vec3, Vec3)> {
-        let normal = usable_normal(vertex)?;
-        Some((self.place(vertex) + OFFSET * normal, normal))
+    fn start(&self, vertex: usize) -> Option<(Vec3, Vec3)> {
+        let normal = usable_normal(&self.object.vertices[vertex])?;
+        let along = self.inwards[vertex].reject_from_normalized(normal);
+        Some((self.place(&self.object.vertices[vertex]) + OFFSET * (normal + along), normal))
     }
 
     /// The transfer of light that arrives directly.
@@ -245,31 +265,31 @@ impl<'a> Scene<'a> {
     /// A deviation from Hajisharif 2012, Eq. 8, which sums over the directions that are free: the transfer without
     /// occluders is known exactly, and only what they take away is sampled. Both have the same mean, but vertices
     /// without occluders are exact for any number of directions, and others are off by the error of a smaller sum.
-    fn direct(&self, vertex: &Vertex, out: &mut [f32]) {
-        let Some(from) = self.start(vertex) else { return };
+    fn direct(&self, vertex: usize, out: &mut [f32]) {
+        let Some((origin, normal)) = self.start(vertex) else { return };
         let mut taken = [0.0; MOST_COEFFICIENTS];
         for (number, packet) in self.directions.packets.iter().enumerate() {
-            let Some((cosine, mut ends)) = packet.above(from.1) else { continue };
-            self.bvh.occlude(packet, from, &mut ends);
+            let Some((cosine, mut ends)) = packet.above(normal) else { continue };
+            self.bvh.occlude(packet, origin, &mut ends);
             for lane in (0..LANES).filter(|lane| ends[lane / 4][lane % 4] == BLOCKED) {
                 let weight = cosine[lane / 4][lane % 4];
                 let basis = self.directions.basis(number, lane);
                 taken.iter_mut().zip(basis).for_each(|(taken, basis)| *taken += weight * basis);
             }
         }
-        unshadowed(from.1, out);
+        unshadowed(normal, out);
         let solid_angle = self.directions.solid_angle();
         out.iter_mut().zip(taken).for_each(|(out, taken)| *out -= solid_angle * taken);
     }
 
     /// The transfer of light that arrives by one more reflection than in `last`, three channels a vertex.
-    fn reflected(&self, vertex: &Vertex, albedo: &Albedo, last: &[f32], out: &mut [f32]) {
-        let Some(from) = self.start(vertex) else { return };
+    fn reflected(&self, vertex: usize, albedo: &Albedo, last: &[f32], out: &mut [f32]) {
+        let Some((origin, normal)) = self.start(vertex) else { return };
         let functions = out.len() / 3;
         let weight = self.directions.solid_angle() / std::f32::consts::PI;
         for packet in &self.directions.packets {
-            let Some((cosine, ends)) = packet.above(from.1) else { continue };
-            let hits = self.bvh.closest(packet, from, ends);
+            let Some((cosine, ends)) = packet.above(normal) else { continue };
+            let hits = self.bvh.closest(packet, origin, ends);
             for lane in 0..LANES {
                 let distance = hits.distance[lane / 4][lane % 4];
                 if !(distance > 0.0 && distance < f32::INFINITY) {
@@ -277,9 +297,9 @@ impl<'a> Scene<'a> {
                 }
                 let (triangle, weights) = (hits.number[lane], hits.weights[lane]);
                 let corners = &self.object.indices[3 * triangle as usize..][..3];
-                let normal: Vec3 = (0..3).map(|n| self.object.vertices[corners[n] as usize].normal * weights[n]).sum();
+                let front: Vec3 = (0..3).map(|n| self.object.vertices[corners[n] as usize].normal * weights[n]).sum();
                 // Transfer is that of the side which the normals look to: the back is black.
-                if normal.dot(packet.direction(lane)) >= 0.0 {
+                if front.dot(packet.direction(lane)) >= 0.0 {
                     continue;
                 }
                 let color = albedo.at(triangle, weights) * (weight * cosine[lane / 4][lane % 4]);
@@ -294,3 +314,6 @@ impl<'a> Scene<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
