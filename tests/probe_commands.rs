@@ -42,7 +42,7 @@ impl Place {
         let quad = |y: f32, half: f32| {
             format!("v {half} {y} {half}\nv {half} {y} -{half}\nv -{half} {y} -{half}\nv -{half} {y} {half}\n")
         };
-        let text = quad(0.5, 0.6) + &quad(0.0, 1.0) + "f 1 2 3\nf 1 3 4\nf 5 6 7\nf 5 7 8\n";
+        let text = quad(0.5, 1.0) + &quad(0.0, 0.9) + "f 1 2 3\nf 1 3 4\nf 5 6 7\nf 5 7 8\n";
         std::fs::write(place.path("table.obj"), text).expect("an object");
         place
     }
@@ -59,7 +59,7 @@ impl Place {
     fn render(&self, probes: &str, out: &str, more: &[&str]) -> Vec<String> {
         let (probes, object, out) = (self.text(probes), self.text("table.obj"), self.text(out));
         let own = ["render", "--technique", "probes", "--probes", &probes, "--object", &object, "--size", "96x64"];
-        let tail = ["--camera-from", "0,2,4", "--camera-at", "0,0.2,0", "--out", &out];
+        let tail = ["--camera-from", "0,1,4", "--camera-at", "0,0.2,0", "--out", &out];
         own.into_iter().chain(tail).chain(more.iter().copied()).map(str::to_owned).collect()
     }
 }

@@ -77,6 +77,9 @@ impl Source {
             };
             let frame = stream.at(wanted);
             for (number, error) in stream.take_problems() {
+                if self.frames.start() == self.frames.end() {
+                    return Err(error);
+                }
                 tracing::warn!("frame {number} is left out: {error}");
                 self.problem.get_or_insert(error);
             }
