@@ -139,12 +139,8 @@ impl ProbeObject {
         (material, reflection): (MaterialChoice, Reflection),
     ) -> Result<Self> {
         let count = if transfer.is_some() { object.vertices.len() } else { 1 };
-        let irradiance = Buffer::with_texels(
-            context,
-            "vertex irradiance",
-            count as u64 * 16,
-            vk::Format::R32G32B32A32_SFLOAT,
-        )?;
+        let irradiance =
+            Buffer::with_texels(context, "vertex irradiance", count as u64 * 16, vk::Format::R32G32B32A32_SFLOAT)?;
         let transfer =
             transfer.map(|transfer| GpuTransfer::new(context, object, transfer, light, &irradiance)).transpose()?;
         let constants = [Constant::new(0, light.order() as u32), Constant::new(2, transfer.is_some())];

@@ -175,13 +175,8 @@ impl Scene {
         let Some(path) = &args.probe else {
             let folder = self.out.join(".probe.exr");
             let (width, height) = (self.probe.width, self.probe.height);
-            let layers = crate::formats::image::ExrLayers {
-                width,
-                height,
-                rgb: &self.probe.radiance,
-                alpha: None,
-                groups: &[],
-            };
+            let layers =
+                crate::formats::image::ExrLayers { width, height, rgb: &self.probe.radiance, alpha: None, groups: &[] };
             crate::formats::image::write_exr(&folder, &layers)?;
             let result = self.turning_of(&folder, transfer, args.step);
             // It was only made to be read.
