@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::loader::Assets;
 use super::state::ViewState;
-use crate::frames::probes::{ProbeRenderer, ProbeSettings, Reflection};
+use crate::frames::probes::{ProbeRenderer, ProbeSettings, Projection, Reflection};
 use crate::frames::{Frame, Settings};
 use crate::gpu::{Context, Profile};
 use crate::preprocess::transfer::Transfer;
@@ -15,6 +15,8 @@ use crate::{Error, Result};
 
 /// Samples of a lobe in pictures of things that move.
 const QUICK_LOBES: u32 = 8;
+/// Probes are projected at this width then: four bands of spherical harmonics hardly differ.
+const QUICK_PROBE: u32 = 256;
 /// Most memory while a picture is made: what else the viewer has on the device counts too, and may be several times what
 /// one renderer takes.
 const BUDGET: u64 = 8 * Settings::DEFAULT_BUDGET;
@@ -121,6 +123,11 @@ impl Slot {
 
 /// Settings of a picture, but for its size.
 fn settings(state: &ViewState, own: bool) -> ProbeSettings {
-    let reflection = if own { Reflection::default() } else { Reflection::Lobes(QUICK_LOBES) };
-    ProbeSettings { material: state.material, reflection, memory_budget: BUDGET, ..ProbeSettings::default() }
+    let (reflection, width) = match own {
+        true => (Reflection::default(), None),
+        false => (Reflection::Lobes(QUICK_LOBES), Some(QUICK_PROBE)),
+    };
+    let projection = Projection { width, ..Projection::default() };
+    let material = state.material;
+    ProbeSettings { material, reflection, projection, memory_budget: BUDGET, ..ProbeSettings::default() }
 }

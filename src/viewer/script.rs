@@ -58,7 +58,7 @@ enum Command {
     Expect { changed: bool },
     /// `expect-status TEXT`
     ExpectStatus(String),
-    /// `rate`: prints how many moving pictures a second there were lately.
+    /// `rate`: prints how many moving pictures a second there were lately, and the frame of the light probes.
     Rate,
     /// `passes`: prints the milliseconds of the picture's passes.
     Passes,
@@ -238,7 +238,8 @@ impl Script {
 fn rate(controller: &Controller) -> String {
     let picture = controller.picture.as_ref();
     let (width, height, ms) = picture.map_or((0, 0, 0.0), |p| (p.width, p.height, p.ms));
-    format!("{:.1} pictures a second, the last of {width}x{height} in {ms:.1} ms", controller.rate())
+    let frame = picture.and_then(|p| p.frame).map_or(String::new(), |frame| format!(", frame {frame}"));
+    format!("{:.1} pictures a second, the last of {width}x{height} in {ms:.1} ms{frame}", controller.rate())
 }
 
 fn passes(controller: &Controller) -> String {

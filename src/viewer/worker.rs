@@ -341,8 +341,13 @@ impl Thread {
             ms,
         })));
         work.last = Some(still);
-        work.next = (stage == Stage::Draft).then_some(Stage::Finished);
         self.write_shots(work);
+        work.next = match stage {
+            Stage::Draft => Some(Stage::Finished),
+            // While probes are played, nobody asks for a still picture.
+            Stage::Moving if !request.moving && !work.shots.is_empty() => Some(Stage::Draft),
+            _ => None,
+        };
         Ok(())
     }
 
