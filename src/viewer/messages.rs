@@ -154,7 +154,9 @@ impl Controller {
             }
             self.state.placement.at = Some(at);
         }
-        if self.state.viewpoint.is_none() && self.state.complete() {
+        // Another scan that is still being read brings its own.
+        let whole = self.loaded.complete() && self.loaded.cloud == self.state.cloud;
+        if self.state.viewpoint.is_none() && whole {
             let world = self.state.placement.world_from_object(self.origin);
             let middle = world.transform_point3(0.5 * (low + high));
             let radius = 0.5 * world.transform_vector3(high - low).length();

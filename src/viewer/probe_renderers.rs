@@ -10,13 +10,15 @@ use crate::frames::probes::{ProbeRenderer, ProbeSettings, Projection, Reflection
 use crate::frames::{Frame, Settings};
 use crate::gpu::{Context, Profile};
 use crate::preprocess::transfer::Transfer;
-use crate::scene::{Camera, Object, Placement, Vertex};
+use crate::scene::{Camera, FarField, Object, Placement, Vertex};
 use crate::{Error, Result};
 
 /// Samples of a lobe in pictures of things that move.
 const QUICK_LOBES: u32 = 8;
-/// Probes are projected at this width then: four bands of spherical harmonics hardly differ.
-const QUICK_PROBE: u32 = 256;
+/// Probes are at most so wide then, texels: what they take goes with their size, whatever that of the picture.
+const QUICK_PROBE: u32 = 512;
+/// ... and projected at this width: four bands of spherical harmonics hardly differ.
+const QUICK_PROJECTION: u32 = 256;
 /// Most memory while a picture is made: what else the viewer has on the device counts too, and may be several times what
 /// one renderer takes.
 const BUDGET: u64 = 8 * Settings::DEFAULT_BUDGET;
@@ -96,7 +98,8 @@ impl ProbeRenderers {
         }
         let mut profile = Profile::default();
         if slot.light != Some(assets.light) {
-            slot.renderer.light(far_field, &mut profile)?;
+            let coarse = if subject.own { None } else { coarse(far_field) };
+            slot.renderer.light(coarse.as_ref().unwrap_or(far_field), &mut profile)?;
             slot.light = Some(assets.light);
         }
         slot.renderer.resize(width, height)?;
@@ -121,11 +124,20 @@ impl Slot {
     }
 }
 
+/// A probe of fewer texels, where it has too many for things that move.
+fn coarse(far_field: &FarField) -> Option<FarField> {
+    let mut smaller = None;
+    while smaller.as_ref().unwrap_or(far_field).width > QUICK_PROBE {
+        smaller = Some(smaller.as_ref().unwrap_or(far_field).half()?);
+    }
+    smaller
+}
+
 /// Settings of a picture, but for its size.
 fn settings(state: &ViewState, own: bool) -> ProbeSettings {
     let (reflection, width) = match own {
         true => (Reflection::default(), None),
-        false => (Reflection::Lobes(QUICK_LOBES), Some(QUICK_PROBE)),
+        false => (Reflection::Lobes(QUICK_LOBES), Some(QUICK_PROJECTION)),
     };
     let projection = Projection { width, ..Projection::default() };
     let material = state.material;

@@ -105,10 +105,15 @@ impl Place {
 
     /// Writes a panorama of 64x32 texels, whose light is that of a place from 0 to 1 along both sides.
     pub fn probe(&self, name: &str, light: impl Fn(f32, f32) -> Vec3) {
-        let texel = |i: u32| light((i % 64) as f32 / 64.0, (i / 64) as f32 / 32.0);
-        let rgb: Vec<Vec3> = (0..64 * 32).map(texel).collect();
-        let layers = ExrLayers { width: 64, height: 32, rgb: &rgb, alpha: None, groups: &[] };
-        write_exr(&self.path(name), &layers).expect("an EXR");
+        self.probe_of(64, name, light);
+    }
+
+    /// The same with another width.
+    pub fn probe_of(&self, width: u32, name: &str, light: impl Fn(f32, f32) -> Vec3) {
+        let height = width / 2;
+        let texel = |i: u32| light((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);
+        let rgb: Vec<Vec3> = (0..width * height).map(texel).collect();
+        write_exr(&self.path(name), &ExrLayers { width, height, rgb: &rgb, alpha: None, groups: &[] }).expect("an EXR");
     }
 
     pub fn command(&self, display: &str, arguments: &[&str], script: &str) -> Command {
