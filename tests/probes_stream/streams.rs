@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Condvar, Mutex};
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
@@ -111,6 +112,25 @@ fn late_frames_are_dropped_and_not_begun() {
     let StreamStats { decoded, dropped, damaged, peak_alive, .. } = stream.stats();
     assert_eq!((decoded, dropped, damaged, peak_alive), (7, 10, 1, 2));
     assert_eq!(problems(&mut stream), [11]);
+}
+
+#[test]
+fn a_frame_that_is_not_there_yet_need_not_be_waited_for() {
+    let source =
+        Arc::new(Fake { closed_from: Mutex::new(Some(2)), damaged: [3].into(), last: Some(4), ..Fake::default() });
+    let mut stream = stream(&source, 2, 2);
+    assert_eq!(source.settled(), [0, 1]);
+    let number = |poll: Poll<Option<ProbeFrame>>| poll.map(|frame| frame.map(|frame| frame.number));
+    assert_eq!(
+        [1, 0, 2, 2].map(|n| number(stream.poll(n))),
+        [Poll::Ready(Some(1)), Poll::Ready(Some(1)), Poll::Pending, Poll::Pending]
+    );
+    source.open_gate();
+    source.settled();
+    assert_eq!(number(stream.poll(2)), Poll::Ready(Some(2)));
+    source.settled();
+    assert_eq!([3, 5].map(|n| number(stream.poll(n))), [Poll::Ready(Some(4)), Poll::Ready(None)]);
+    assert_eq!(stream.take_problems().len(), 1);
 }
 
 #[test]

@@ -101,7 +101,7 @@ fn folders_play_over_damaged_frames_and_bad_ones_change_nothing() {
         save folder.toml\ndrop day.exr\nwait-still\nremember\nwait 0.2\nexpect-same\nsave day.toml\nplay\n\
         expect-status no light probes\nquit\n";
     let said = play(&place, &display, &["--probes", "day.exr", "--turn", "30", "--late", "wait"], script);
-    assert!(frame(&said) < 6 && frame(&said) != 3, "it goes round: {said}");
+    assert!(frame(&said) < 6 && frame(&said) != 3, "{said}");
     let text = |name: &str| std::fs::read_to_string(place.path(name)).expect("a scene");
     assert!(text("folder.toml").contains("path = \"frames\"") && !text("folder.toml").contains("environment"));
     assert!(text("day.toml").contains("environment = \"day.exr\"") && !text("day.toml").contains("[probes]"));
