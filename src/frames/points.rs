@@ -152,6 +152,10 @@ pub struct PointRenderer {
     lights: Option<(Vec3, f32, Vec<(Vec3, Option<Vec3>)>)>,
     /// What was drawn last.
     view: Option<PointView>,
+    /// Where the object stands that casts its shadow, and in which light.
+    setup: Option<ShadowSetup>,
+    /// The shadow of what was drawn last is that of another place or light.
+    stale: bool,
 }
 
 /// What casts a contact shadow on the scan.
@@ -220,6 +224,8 @@ impl PointRenderer {
             shadow: None,
             lights: None,
             view: None,
+            setup: None,
+            stale: false,
         })
     }
 
@@ -231,7 +237,7 @@ impl PointRenderer {
         self.shadow = None;
         let Some(caster) = caster else { return Ok(()) };
         let pass = ContactShadowPass::new(&self.context, &self.images, caster.field)?;
-        self.shadow = Some(pass);
+        (self.shadow, self.setup) = (Some(pass), None);
         self.move_shadow(caster)
     }
 
@@ -253,7 +259,13 @@ impl PointRenderer {
             (centre, 0.5 * radius, directional_light::of_points(&self.chunks, centre, 0.5 * radius))
         }));
         let lights = directional_light::beyond(of_points, far_field);
-        pass.place(&ShadowSetup { object_from_world: world_from_object.inverse(), centre, radius, lights })
+        let setup = ShadowSetup { object_from_world: world_from_object.inverse(), centre, radius, lights };
+        // In a closed room the light from beyond it changes nothing.
+        if self.setup.as_ref() != Some(&setup) {
+            pass.place(&setup)?;
+            (self.setup, self.stale) = (Some(setup), true);
+        }
+        Ok(())
     }
 
     /// Renders pictures of another size from now on.
@@ -309,11 +321,12 @@ impl PointRenderer {
     /// Vulkan's own errors.
     pub fn shade_again(&mut self, frame: &mut PointFrame) -> Result<()> {
         frame.profile = Profile::default();
-        let (Some(pass), Some(view)) = (&self.shadow, self.view) else { return Ok(()) };
+        let (Some(pass), Some(view), true) = (&self.shadow, self.view, self.stale) else { return Ok(()) };
         let mut recorder = Recorder::new(&self.context)?;
         pass.record(&mut recorder, view)?;
         recorder.finish(&mut frame.profile)?;
         frame.shadow = pass.shadow.download(self.settings.width as usize * self.settings.height as usize)?;
+        self.stale = false;
         Ok(())
     }
 
@@ -344,7 +357,7 @@ impl PointRenderer {
             pass.record(&mut recorder, view)?;
         }
         recorder.finish(profile)?;
-        self.view = Some(view);
+        (self.view, self.stale) = (Some(view), false);
         Ok(drawn)
     }
 

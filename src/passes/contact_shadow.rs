@@ -14,7 +14,7 @@ use crate::preprocess::directional_light::DIRECTIONS;
 use crate::preprocess::distance_field::DistanceField;
 
 /// Where the object stands and which light it takes away.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ShadowSetup {
     /// World to the space of the distance field; scales alike along all axes.
     pub object_from_world: Affine3A,

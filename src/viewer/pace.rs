@@ -130,9 +130,9 @@ mod tests {
 
     #[test]
     fn probes_are_played_at_their_rate() {
-        assert_eq!(settles_at(Some(2.0), 5.0, 120.0), (2, 0), "no slower than without");
-        assert_eq!(settles_at(Some(25.0), 5.0, 120.0), (3, 0));
-        assert_eq!(settles_at(Some(1000.0), 5.0, 120.0), (3, 0), "not as coarse as can be");
+        assert_eq!(settles_at(Some(2.0), 18.0, 110.0), (2, 0), "no slower than without");
+        assert_eq!(settles_at(Some(25.0), 18.0, 110.0), (3, 0));
+        assert_eq!(settles_at(Some(1000.0), 12.0, 48.0), (3, 0), "not as coarse as can be");
     }
 
     #[test]
