@@ -148,8 +148,7 @@ pub struct PointRenderer {
     images: PointImages,
     operators: PointOperators,
     shadow: Option<ContactShadowPass>,
-    /// What the points light the caster with, for the place and the distance that it was found for.
-    lights: Option<(Vec3, f32, Vec<(Vec3, Option<Vec3>)>)>,
+    lights: Option<PointLights>,
     /// What was drawn last.
     view: Option<PointView>,
     /// Where the object stands that casts its shadow, and in which light.
@@ -157,6 +156,10 @@ pub struct PointRenderer {
     /// The shadow of what was drawn last is that of another place or light.
     stale: bool,
 }
+
+/// What the points light a caster with: its middle, how far points are from there that count, and their light by
+/// direction.
+type PointLights = (Vec3, f32, Vec<(Vec3, Option<Vec3>)>);
 
 /// What casts a contact shadow on the scan.
 #[derive(Clone, Copy, Debug)]

@@ -101,9 +101,12 @@ struct View {
     egui: egui_winit::State,
     texture: Option<egui::TextureHandle>,
     /// The picture that the texture has.
-    textured: Option<(u64, [u32; 2], Stage, Option<u64>, f64)>,
+    textured: Option<Textured>,
     window: Arc<Window>,
 }
+
+/// Number, size, stage, frame of the light probes and time of a picture.
+type Textured = (u64, [u32; 2], Stage, Option<u64>, f64);
 
 struct App {
     options: Options,
