@@ -67,7 +67,7 @@ impl fmt::Display for Reflection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::None => f.write_str("none"),
-            Self::Lobes(_) => f.write_str("lobes"),
+            Self::Lobes(samples) => write!(f, "lobes:{samples}"),
             Self::Mirror(share) => write!(f, "mirror:{share}"),
         }
     }
@@ -77,10 +77,15 @@ impl FromStr for Reflection {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("{text:?} is no reflection; there are none, lobes, and mirror:SHARE with 0 to 1");
+        let wrong = || {
+            format!("{text:?} is no reflection; there are none, lobes, lobes:SAMPLES with 1 to 4096, and mirror:SHARE with 0 to 1")
+        };
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),
             None if text == "lobes" => Ok(Self::default()),
+            Some(("lobes", samples)) => {
+                samples.parse().ok().filter(|n| (1..=4096).contains(n)).map(Self::Lobes).ok_or_else(wrong)
+            }
             Some(("mirror", share)) => {
                 let share = share.parse().ok().filter(|share| (0.0..=1.0).contains(share));
                 share.map(Self::Mirror).ok_or_else(wrong)
@@ -314,7 +319,7 @@ mod tests {
         for reflection in [Reflection::None, Reflection::default(), Reflection::Mirror(0.25)] {
             assert_eq!(reflection.to_string().parse(), Ok(reflection));
         }
-        for wrong in ["", "mirror", "mirror:2", "mirror:nan", "lobes:3"] {
+        for wrong in ["", "mirror", "mirror:2", "mirror:nan", "lobes:0"] {
             assert!(wrong.parse::<Reflection>().is_err(), "{wrong}");
         }
     }

@@ -175,7 +175,7 @@ pub(super) struct HarmonicsArgs {
     /// ... smooth over time: weight of the frames before against a frame's own
     #[arg(long, value_name = "ALPHA", value_parser = values::not_negative, default_value = "0", allow_hyphen_values = true)]
     temporal: f64,
-    /// ... what surfaces mirror: none, lobes, or mirror:SHARE for the paper's perfect mirror
+    /// ... what surfaces mirror: none, lobes:SAMPLES, or mirror:SHARE for the paper's perfect mirror
     #[arg(long, value_name = "HOW", default_value = "lobes")]
     reflection: Reflection,
     /// ... the object's transfer: a .prt file, which is made where it is missing, or none for no shadows [default: beside
