@@ -37,7 +37,9 @@ impl Place {
     fn new() -> Self {
         let place = Self { folder: TempDir::new().expect("a folder") };
         write_probe(&place.path("day.exr"), |u, v| Vec3::new(1.0 + (6.283 * u).cos(), 0.5, 1.0 - v));
-        write_probe(&place.path("night.exr"), |u, v| if (u - 0.2).hypot(v - 0.3) < 0.1 { Vec3::splat(20.0) } else { Vec3::ZERO });
+        write_probe(&place.path("night.exr"), |u, v| {
+            if (u - 0.2).hypot(v - 0.3) < 0.1 { Vec3::splat(20.0) } else { Vec3::ZERO }
+        });
         // A table: a top over a foot, so that something is in shadow.
         let quad = |y: f32, half: f32| {
             format!("v {half} {y} {half}\nv {half} {y} -{half}\nv -{half} {y} -{half}\nv -{half} {y} {half}\n")
@@ -140,7 +142,8 @@ fn light_turns_and_fades_over_a_sequence() {
     let middle = 0.5 * (frames[0].y + frames[4].y);
     assert!((frames[2].y - middle).abs() < 0.1 * (frames[0].y - frames[4].y).abs(), "{frames:?}");
     // A turned panorama is the same as the first frame's by a quarter of its columns.
-    let turned: Vec<String> = place.render("day.exr", "t.png", &["--frames", "1", "--turn", "360", "--rate", "1", "--transfer", "none"]);
+    let turned: Vec<String> =
+        place.render("day.exr", "t.png", &["--frames", "1", "--turn", "360", "--rate", "1", "--transfer", "none"]);
     succeeds(&strings(&turned));
     let plain = place.render("day.exr", "p.png", &["--transfer", "none"]);
     succeeds(&strings(&plain));

@@ -24,8 +24,7 @@ const PAPER: [u32; 2] = [1628, 814];
 fn panorama([width, height]: [u32; 2], radiance: impl Fn(DVec3) -> DVec3 + Sync) -> FarField {
     let mut panorama = FarField { width, height, radiance: Vec::new() };
     let texels = (0..width * height).into_par_iter();
-    panorama.radiance =
-        texels.map(|at| radiance(direction(&panorama, at % width, at / width)).as_vec3()).collect();
+    panorama.radiance = texels.map(|at| radiance(direction(&panorama, at % width, at / width)).as_vec3()).collect();
     panorama
 }
 
@@ -176,9 +175,8 @@ fn a_window_weighs_bands_and_a_temporal_filter_mixes_frames() {
 }
 
 fn energy(panorama: &FarField) -> DVec3 {
-    let texel = |(at, radiance): (usize, &Vec3)| {
-        radiance.as_dvec3() * solid_angle(panorama, at as u32 / panorama.width)
-    };
+    let texel =
+        |(at, radiance): (usize, &Vec3)| radiance.as_dvec3() * solid_angle(panorama, at as u32 / panorama.width);
     panorama.radiance.iter().enumerate().map(texel).sum()
 }
 
@@ -231,11 +229,7 @@ fn a_ball_without_occluders_reflects_the_irradiance_of_its_normals() {
     let device = Device::new();
     let probe = surround([256, 128]);
     for (bands, most) in [(3, 0.05), (5, 0.025)] {
-        let settings = ProbeSettings {
-            material: MaterialChoice::Diffuse(0.6),
-            projection: order(bands),
-            ..small()
-        };
+        let settings = ProbeSettings { material: MaterialChoice::Diffuse(0.6), projection: order(bands), ..small() };
         let frame = ball_frame(&device, &probe, settings);
         let covered: Vec<usize> = (0..frame.rgba.len()).filter(|at| frame.rgba[*at][3] > 0.0).collect();
         assert!(covered.len() > 1000);

@@ -122,7 +122,10 @@ pub(super) fn directions(text: &str) -> Result<u32, String> {
 /// Bounces of a transfer.
 pub(super) fn bounces(text: &str) -> Result<u32, String> {
     let range = TransferOptions::BOUNCES;
-    text.parse().ok().filter(|n| range.contains(n)).ok_or(format!("{text:?} is not a number of bounces up to {}", range.end()))
+    text.parse()
+        .ok()
+        .filter(|n| range.contains(n))
+        .ok_or(format!("{text:?} is not a number of bounces up to {}", range.end()))
 }
 
 /// A window against the ringing of spherical harmonics.

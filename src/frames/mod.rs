@@ -114,9 +114,10 @@ impl FromStr for Method {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|method| method.name() == text).ok_or_else(|| {
-            format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared and probes")
-        })
+        Self::ALL
+            .into_iter()
+            .find(|method| method.name() == text)
+            .ok_or_else(|| format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared and probes"))
     }
 }
 

@@ -208,9 +208,10 @@ impl ProbeRenderer {
     /// Rows of the image that fit the budget at once.
     fn rows(&self) -> Result<u32> {
         let ProbeSettings { width, height, memory_budget, .. } = self.settings;
-        let kept = self.target.as_ref().map_or(0, |target| {
-            u64::from(target.width) * u64::from(target.height) * (BYTES_PER_PIXEL - 16)
-        });
+        let kept = self
+            .target
+            .as_ref()
+            .map_or(0, |target| u64::from(target.width) * u64::from(target.height) * (BYTES_PER_PIXEL - 16));
         let others = self.context.bytes_now().saturating_sub(kept);
         let least = others + LEAST_PIXELS.min(u64::from(width) * u64::from(height)) * BYTES_PER_PIXEL;
         if least > memory_budget {

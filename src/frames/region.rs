@@ -51,4 +51,3 @@ impl Rect {
 pub(super) fn read_image<T: bytemuck::Pod>(image: &Image) -> Result<Vec<T>> {
     Ok(bytemuck::pod_collect_to_vec(&image.download(Use::SampledRead, size_of::<T>())?))
 }
-

@@ -10,11 +10,11 @@ use half::f16;
 
 use super::Gather;
 use super::rasterise::RasterInfo;
-use crate::{Error, Result};
 use crate::gpu::memory::ImageInfo;
 use crate::gpu::pipeline::{ComputePipeline, DescriptorSet, Sampler};
 use crate::gpu::{Bindings, Buffer, Constant, Context, Image, Recorder, Use};
 use crate::scene::FarField;
+use crate::{Error, Result};
 
 /// What the object is made of.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]

@@ -104,7 +104,9 @@ impl GBuffer {
     }
 
     fn colors(&self) -> impl Iterator<Item = &Image> {
-        [&self.position, &self.normal, &self.base_metallic, &self.emissive_roughness].into_iter().chain(&self.irradiance)
+        [&self.position, &self.normal, &self.base_metallic, &self.emissive_roughness]
+            .into_iter()
+            .chain(&self.irradiance)
     }
 }
 
@@ -129,7 +131,14 @@ impl GBufferPass {
     /// # Errors
     /// When the object does not fit the device.
     pub fn new(context: &Arc<Context>, object: &Object) -> Result<Self> {
-        Self::with_shaders(context, object, ["gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag"], &[], &Bindings::new(), &[])
+        Self::with_shaders(
+            context,
+            object,
+            ["gbuffer/gbuffer.vert", "gbuffer/gbuffer.frag"],
+            &[],
+            &Bindings::new(),
+            &[],
+        )
     }
 
     /// The same for a pass that writes the irradiance too, which it takes from `bindings`: that of the vertices, and the

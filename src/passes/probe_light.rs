@@ -205,7 +205,8 @@ impl ProbeLight {
         let staging = Buffer::staging_to_device(context, u64::from(size[0]) * u64::from(size[1]) * 16)?;
         let table: Vec<[u32; 4]> = levels.iter().map(|level| [level.width, level.height, level.first, 0]).collect();
         let level_table = Buffer::from_slice(context, "probe levels", &table)?;
-        let row_table = Buffer::texels_from_slice(context, "probe rows", &rows(projected.width, projected.height), four)?;
+        let row_table =
+            Buffer::texels_from_slice(context, "probe rows", &rows(projected.width, projected.height), four)?;
         let column_table =
             Buffer::texels_from_slice(context, "probe columns", &columns(projected.width), vk::Format::R32G32_SFLOAT)?;
         let software = context.capabilities.kind == vk::PhysicalDeviceType::CPU;
@@ -255,8 +256,15 @@ impl ProbeLight {
             recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
         }
         let Level { width, height, first } = images.projected;
-        let constants =
-            ProbeConstants { width, height, first, rows: images.rows, groups: images.groups, keep: 0.0, ..Default::default() };
+        let constants = ProbeConstants {
+            width,
+            height,
+            first,
+            rows: images.rows,
+            groups: images.groups,
+            keep: 0.0,
+            ..Default::default()
+        };
         for pair in images.levels.windows(2).filter(|_| upload) {
             let [from, to] = [pair[0], pair[1]];
             let constants = ProbeConstants {

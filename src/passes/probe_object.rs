@@ -78,7 +78,9 @@ impl FromStr for Reflection {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
-            format!("{text:?} is no reflection; there are none, lobes, lobes:SAMPLES with 1 to 4096, and mirror:SHARE with 0 to 1")
+            format!(
+                "{text:?} is no reflection; there are none, lobes, lobes:SAMPLES with 1 to 4096, and mirror:SHARE with 0 to 1"
+            )
         };
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),
@@ -144,12 +146,8 @@ impl ProbeObject {
         (material, reflection): (MaterialChoice, Reflection),
     ) -> Result<Self> {
         let count = if transfer.is_some() { object.vertices.len() } else { 1 };
-        let irradiance = Buffer::with_texels(
-            context,
-            "vertex irradiance",
-            count as u64 * 16,
-            vk::Format::R32G32B32A32_SFLOAT,
-        )?;
+        let irradiance =
+            Buffer::with_texels(context, "vertex irradiance", count as u64 * 16, vk::Format::R32G32B32A32_SFLOAT)?;
         let transfer =
             transfer.map(|transfer| GpuTransfer::new(context, object, transfer, light, &irradiance)).transpose()?;
         let constants = [Constant::new(0, light.order() as u32), Constant::new(2, transfer.is_some())];

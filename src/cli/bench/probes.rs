@@ -133,8 +133,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 /// Light that has all frequencies.
 fn probe([width, height]: [u32; 2]) -> FarField {
     let texel = |at: u32| {
-        let (phi, theta) =
-            (TAU * (at % width) as f32 / width as f32, PI * ((at / width) as f32 + 0.5) / height as f32);
+        let (phi, theta) = (TAU * (at % width) as f32 / width as f32, PI * ((at / width) as f32 + 0.5) / height as f32);
         let lamp = if (phi - 2.0).hypot(theta - 1.0) < 0.1 { 30.0 } else { 0.0 };
         Vec3::new(1.0 + phi.sin(), 0.5 + (7.0 * theta).cos().abs(), 0.7) + lamp
     };
@@ -235,7 +234,15 @@ fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Object, Transfer)> {
         last = Some((object, found));
     }
     say!("\nTransfer, seconds\n")?;
-    say!("{:>9}  {:>9}  {:>10}  {:>18}  {:>15}  {:>14}", "vertices", "triangles", "directions", "without visibility", "with visibility", "paper, 2012")?;
+    say!(
+        "{:>9}  {:>9}  {:>10}  {:>18}  {:>15}  {:>14}",
+        "vertices",
+        "triangles",
+        "directions",
+        "without visibility",
+        "with visibility",
+        "paper, 2012"
+    )?;
     for row in &rows {
         say!(
             "{:>9}  {:>9}  {:>10}  {:>18.3}  {:>15.2}  {:>14}",
@@ -285,7 +292,15 @@ fn objects(context: &Arc<Context>, object: &Object, transfer: &Transfer) -> Resu
     }
     let [width, height] = PICTURE;
     say!("\nThe object in a frame of {width}x{height}, ms\n")?;
-    say!("{:>12}  {:>8}  {:>17}  {:>8}  {:>6}  {:>6}", "material", "vertices", "vertex irradiance", "G-buffer", "shade", "frame")?;
+    say!(
+        "{:>12}  {:>8}  {:>17}  {:>8}  {:>6}  {:>6}",
+        "material",
+        "vertices",
+        "vertex irradiance",
+        "G-buffer",
+        "shade",
+        "frame"
+    )?;
     for row in &rows {
         say!(
             "{:>12}  {:>8}  {:>17.2}  {:>8.2}  {:>6.2}  {:>6.1}",

@@ -89,4 +89,3 @@ pub(super) fn scan(args: &Args, path: &Path, object: &Object, lights: bool, cloc
 pub(in crate::cli) fn load_cloud(path: &Path, up: UpAxis, towards: Option<DVec3>) -> Result<Cloud> {
     cloud::load(path, &CloudOptions { up: up.into(), orient_towards: towards })
 }
-

@@ -35,15 +35,7 @@ pub(super) struct Source {
 impl Source {
     /// One frame, with nothing beyond the scan.
     pub(super) fn empty() -> Self {
-        Self {
-            frames: 0..=0,
-            next: 0,
-            stream: None,
-            journal: None,
-            smoothed: false,
-            problem: None,
-            given: false,
-        }
+        Self { frames: 0..=0, next: 0, stream: None, journal: None, smoothed: false, problem: None, given: false }
     }
 
     /// The probes of a rendering.
@@ -56,7 +48,14 @@ impl Source {
         // What the pictures depend on; the same line again goes on with them.
         let journal = many.then(|| Journal::open(names, &format!("{args:?}"))).transpose()?;
         let stream = ProbeStream::start(Arc::new(sequence), frames.clone(), StreamOptions::default())?;
-        Ok(Self { next: *frames.start(), stream: Some(stream), journal, smoothed: temporal > 0.0, frames, ..Self::empty() })
+        Ok(Self {
+            next: *frames.start(),
+            stream: Some(stream),
+            journal,
+            smoothed: temporal > 0.0,
+            frames,
+            ..Self::empty()
+        })
     }
 
     /// The next frame; none after the last one. Frames that cannot be read are left out, with a line each.

@@ -46,15 +46,7 @@ pub(super) struct Studio<'a> {
 
 impl<'a> Studio<'a> {
     pub(super) fn new(set: Set<'a>, capture: Option<Capture>) -> Self {
-        Self {
-            set,
-            lighting: None,
-            backdrop: None,
-            capture,
-            captured: None,
-            totals: Totals::default(),
-            covered: 0,
-        }
+        Self { set, lighting: None, backdrop: None, capture, captured: None, totals: Totals::default(), covered: 0 }
     }
 
     /// Lights the set for the next frame.
@@ -108,9 +100,8 @@ impl<'a> Studio<'a> {
         }
         let far_field = next.far_field.as_deref();
         let around = Around { points: scan.chunks.clone(), far_field, object: object.object };
-        let scan = clock.time("backdrop", || {
-            args.backdrop.render_points(context, &around, camera, settings, &mut self.backdrop)
-        })?;
+        let scan = clock
+            .time("backdrop", || args.backdrop.render_points(context, &around, camera, settings, &mut self.backdrop))?;
         let composite = args.backdrop.compose(&frame, camera, scan.as_ref(), &around);
         let path = names.path(next.number);
         clock.time("writing", || {
