@@ -1,7 +1,8 @@
 #version 460
 // A pixel of an object that a probe lights: Lambert's reflection of the irradiance (Hajisharif et al. 2012, Eq. 2), and
-// what the surface mirrors: a GGX lobe over the probe's pyramid (Krivanek and Colbert 2008, GPU-Based Importance Sampling),
-// or the paper's own mirror term (Eq. 15).
+// what the surface mirrors: a GGX lobe over the probe's pyramid, or the paper's own mirror term (Eq. 15). Wide lobes are
+// summed over all texels of a coarse level, which no lamp can hide from; narrow ones are sampled, each sample from the
+// level that is as coarse as it (Krivanek and Colbert 2008, GPU-Based Importance Sampling).
 #extension GL_GOOGLE_include_directive : require
 #include "shared/probe_shade.glsl"
 #include "common/brdf.glsl"
@@ -38,8 +39,48 @@ vec3 visible_normal(vec3 view, float alpha, vec2 square) {
     return normalize(vec3(alpha * m.xy, max(1e-6, m.z)));
 }
 
-// Light that a GGX lobe with the given reflectance at normal incidence reflects to the eye.
-vec3 lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence, float edge) {
+// From these GGX alphas on lobes are wide: texels of a level with about so many columns, or half of them, are small.
+const float WIDE = 0.18;
+const float WIDER = 0.36;
+const uint COLUMNS = SAMPLES < 32u ? 32u : 64u;
+
+// Light that a wide GGX lobe reflects to the eye, from all texels of the coarsest level with at least so many columns.
+vec3 wide_lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence, uint columns) {
+    uint index = uint(probe_levels.length()) - 1u;
+    while (index > 0u && probe_levels[index].x < columns) --index;
+    uvec4 level = probe_levels[index];
+    float step_down = PI / float(level.y);
+    float step_around = 2.0 * PI / float(level.x);
+    vec2 turn = vec2(sin(step_around), cos(step_around));
+    float view_cosine = dot(normal, view);
+    float masked = smith_masking(view_cosine, alpha) / (4.0 * view_cosine);
+    vec3 sum = vec3(0.0);
+    int texel = int(level.z);
+    for (uint row = 0u; row < level.y; ++row) {
+        float down = (float(row) + 0.5) * step_down;
+        float across = sin(down);
+        float height = cos(down);
+        float solid_angle = step_around * 2.0 * across * sin(0.5 * step_down);
+        // Sine and cosine of the way around from -Z, turned from column to column.
+        vec2 around = vec2(sin(0.5 * step_around - PI), cos(0.5 * step_around - PI));
+        vec3 ring = vec3(0.0);
+        for (uint column = 0u; column < level.x; ++column, ++texel) {
+            vec3 light = vec3(across * around.x, height, -across * around.y);
+            around = vec2(around.x * turn.y + around.y * turn.x, around.y * turn.y - around.x * turn.x);
+            float i = dot(normal, light);
+            if (i <= 0.0) continue;
+            vec3 h = normalize(light + view);
+            vec3 fresnel = mix(normal_incidence, vec3(1.0), pow5(1.0 - dot(view, h)));
+            float lobe = ggx_distribution(dot(normal, h), alpha) * smith_masking(i, alpha);
+            ring += texelFetch(probe_texels, texel).rgb * (fresnel * lobe);
+        }
+        sum += ring * solid_angle;
+    }
+    return sum * masked;
+}
+
+// The same of a narrow lobe, by samples.
+vec3 lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence) {
     float side = normal.z < 0.0 ? -1.0 : 1.0;
     float a = -1.0 / (side + normal.z);
     float b = normal.x * normal.y * a;
@@ -55,7 +96,7 @@ vec3 lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence, floa
         vec3 light = 2.0 * d * h - local;
         if (light.z <= 0.0) continue;
         float density = ggx_distribution(h.z, alpha) * smith_masking(local.z, alpha) / (4.0 * local.z);
-        vec3 fresnel = mix(normal_incidence, vec3(edge), pow5(1.0 - d));
+        vec3 fresnel = mix(normal_incidence, vec3(1.0), pow5(1.0 - d));
         vec3 world = tangent * light.x + bitangent * light.y + normal * light.z;
         sum += fresnel * smith_masking(light.z, alpha) * probe_radiance(world, 1.0 / (float(SAMPLES) * density));
     }
@@ -89,7 +130,12 @@ void main() {
         float alpha = MATERIAL == 2u ? gather.material_parameter : max(1e-3, surface.roughness * surface.roughness);
         vec3 normal_incidence =
             MATERIAL == 2u ? vec3(1.0) : mix(vec3(0.08 * surface.specular), surface.base_color, surface.metallic);
-        radiance += seen * lobe_light(normal, view, alpha, normal_incidence, 1.0);
+        if (alpha < WIDE) {
+            radiance += seen * lobe_light(normal, view, alpha, normal_incidence);
+        } else {
+            uint columns = alpha < WIDER ? COLUMNS : COLUMNS / 2u;
+            radiance += seen * wide_lobe_light(normal, view, alpha, normal_incidence, columns);
+        }
     }
     if (MATERIAL == 0u) radiance += surface.emissive;
     imageStore(output_image, int(at), vec4(radiance, 1.0));

@@ -51,7 +51,8 @@ pub struct ShadeConstants {
 pub enum Reflection {
     /// Nothing: Lambert alone.
     None,
-    /// What its material says, a GGX lobe from so many samples of the pyramid.
+    /// What its material says, a GGX lobe; from so many samples of the pyramid where it is narrow. With 32 and more wide
+    /// lobes are finer too.
     Lobes(u32),
     /// The probe as in a perfect mirror, with this reflectivity whatever the material (Eq. 15).
     Mirror(f32),
@@ -59,7 +60,7 @@ pub enum Reflection {
 
 impl Default for Reflection {
     fn default() -> Self {
-        Self::Lobes(32)
+        Self::Lobes(64)
     }
 }
 
