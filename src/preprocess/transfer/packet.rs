@@ -93,11 +93,11 @@ impl Packet {
         let near: [f32; 3] = std::array::from_fn(|axis| node.bounds[self.negative[axis]][axis] - origin[axis]);
         let far: [f32; 3] = std::array::from_fn(|axis| node.bounds[1 - self.negative[axis]][axis] - origin[axis]);
         let mut any = false;
-        for g in 0..GROUPS {
+        for (g, ends) in ends.iter().enumerate() {
             let at = |plane: &[f32; 3], axis: usize| self.inverse[axis][g] * plane[axis];
             let enter = at(&near, 0).max(at(&near, 1)).max(at(&near, 2)).max(Vec4::ZERO);
             let leave = at(&far, 0).min(at(&far, 1)).min(at(&far, 2)) * WIDER;
-            any |= enter.cmple(leave.min(ends[g])).any();
+            any |= enter.cmple(leave.min(*ends)).any();
         }
         any
     }
