@@ -129,7 +129,8 @@ fn fits(transfer: &Transfer, object: &Object, options: &TransferOptions) -> bool
 /// complete.
 ///
 /// # Errors
-/// [`Error::File`] when `path` cannot be written, or when the transfer is not sound: such a file could not be read again.
+/// [`Error::File`] when `path` cannot be written, or when the transfer is not sound: such a file could not be read
+/// again.
 pub fn write(path: &Path, transfer: &Transfer, key: u64) -> Result<()> {
     check_sound(transfer).map_err(|problem| Error::file(path, format!("would hold a broken transfer: {problem}")))?;
     let header = Header {
@@ -297,7 +298,7 @@ fn bits(vector: glam::Vec3) -> [u32; 3] {
     vector.to_array().map(f32::to_bits)
 }
 
-/// A chain of SplitMix64's finaliser (Steele et al. 2014). No CRC: two of them with other starts would collide together.
+/// A chain of SplitMix64's finaliser (Steele et al. 2014). No CRC: two with other starts would collide together.
 #[derive(Default)]
 struct Hash {
     state: u64,

@@ -215,7 +215,7 @@ struct Scene<'a> {
     middle: DVec3,
     scale: f64,
     /// A vertex's mean direction to the middles of its triangles. Rays begin a little to that side: in a crease between
-    /// two walls a vertex of the one lies in the plane of the other, and a ray from there could not tell its sides apart.
+    /// two walls a vertex of the one lies in the plane of the other, where rays can't tell its sides apart.
     inwards: Vec<Vec3>,
 }
 
@@ -267,8 +267,8 @@ impl<'a> Scene<'a> {
     /// make of the surface without occluders is off by a known amount, since that transfer is known exactly. As much of
     /// it is taken off as the free directions have part in it: a control variate, with the factor that makes the
     /// variance least (Glasserman 2003, 4.1). Vertices that see everything, or nothing, are exact for any number of
-    /// directions. Directions weigh pi over the sum of their cosines, not 4 pi / N: then no light is lost or made between
-    /// what arrives directly and by reflections, however few directions there are.
+    /// directions. Directions weigh pi over the sum of their cosines, not 4 pi / N: then no light is lost or made
+    /// between what arrives directly and by reflections, however few directions there are.
     fn direct(&self, vertex: usize, out: &mut [f32]) {
         let Some((origin, normal)) = self.start(vertex) else { return };
         // Sums over all directions above the horizon and over the blocked ones: coefficients, and squares of cosines.

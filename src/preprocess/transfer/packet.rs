@@ -117,9 +117,9 @@ impl View {
     /// `None` where the origin lies in the triangle's plane.
     ///
     /// A side is twice the cross product of its two corners, out of their difference and their sum, which rounds less
-    /// where they are close to each other (Woop et al., Embree's Plücker test). Triangles that share an edge make the same
-    /// products of it with the other sign: outside of the one is inside of the other. That leaves rays through a corner,
-    /// which rounding may put outside of all triangles there; `slack` is what rounding can do.
+    /// where they are close to each other (Embree's Plücker test). Triangles that share an edge make the same products
+    /// of it with the other sign: outside of the one is inside of the other. That leaves rays through a corner, which
+    /// rounding may put outside of all triangles there; `slack` is what rounding can do.
     #[inline(always)]
     fn new(triangle: &Triangle, origin: Vec3) -> Option<Self> {
         let [a, b, c] = triangle.corners.map(|corner| corner - origin);
