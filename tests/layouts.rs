@@ -110,7 +110,7 @@ fn push_constants() -> [Struct; 8] {
             groups as "groups",
             keep as "keep",
         }),
-        members!(TransferConstants { vertices as "vertices" }),
+        members!(TransferConstants { vertices as "vertices", invocations as "invocations" }),
         members!(ShadeConstants {
             eye as "eye",
             width as "width",

@@ -43,6 +43,8 @@ vec3 visible_normal(vec3 view, float alpha, vec2 square) {
 const float WIDE = 0.18;
 const float WIDER = 0.36;
 const uint COLUMNS = SAMPLES < 32u ? 32u : 64u;
+// Lobes that reflect less than this at normal incidence are not what one looks at: half the columns do.
+const float STRONG = 0.25;
 
 // Light that a wide GGX lobe reflects to the eye, from all texels of the coarsest level with at least so many columns.
 vec3 wide_lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence, uint columns) {
@@ -52,31 +54,43 @@ vec3 wide_lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence,
     float step_down = PI / float(level.y);
     float step_around = 2.0 * PI / float(level.x);
     vec2 turn = vec2(sin(step_around), cos(step_around));
+    float alpha2 = alpha * alpha;
     float view_cosine = dot(normal, view);
-    float masked = smith_masking(view_cosine, alpha) / (4.0 * view_cosine);
-    vec3 sum = vec3(0.0);
+    vec3 base = vec3(0.0);   // of Fresnel's term: the part that does not depend on the angle
+    vec3 grazing = vec3(0.0);
     int texel = int(level.z);
     for (uint row = 0u; row < level.y; ++row) {
         float down = (float(row) + 0.5) * step_down;
         float across = sin(down);
         float height = cos(down);
-        float solid_angle = step_around * 2.0 * across * sin(0.5 * step_down);
         // Sine and cosine of the way around from -Z, turned from column to column.
         vec2 around = vec2(sin(0.5 * step_around - PI), cos(0.5 * step_around - PI));
-        vec3 ring = vec3(0.0);
+        vec2 normal_across = across * vec2(normal.x, -normal.z), view_across = across * vec2(view.x, -view.z);
+        float normal_height = normal.y * height, view_height = view.y * height;
+        vec3 row_base = vec3(0.0), row_grazing = vec3(0.0);
         for (uint column = 0u; column < level.x; ++column, ++texel) {
-            vec3 light = vec3(across * around.x, height, -across * around.y);
+            float i = dot(normal_across, around) + normal_height;
+            float between = dot(view_across, around) + view_height;
             around = vec2(around.x * turn.y + around.y * turn.x, around.y * turn.y - around.x * turn.x);
-            float i = dot(normal, light);
             if (i <= 0.0) continue;
-            vec3 h = normalize(light + view);
-            vec3 fresnel = mix(normal_incidence, vec3(1.0), pow5(1.0 - dot(view, h)));
-            float lobe = ggx_distribution(dot(normal, h), alpha) * smith_masking(i, alpha);
-            ring += texelFetch(probe_texels, texel).rgb * (fresnel * lobe);
+            // The half vector's length is the root of 2 + 2 between: its cosines need no vector.
+            float inverse = inversesqrt(max(1e-6, 2.0 + 2.0 * between));
+            float h = (i + view_cosine) * inverse;
+            float away = 1.0 - (1.0 + between) * inverse;
+            float t = h * h * (alpha2 - 1.0) + 1.0;
+            // Distribution and masking of the light's side, but for constants (as in common/brdf.glsl).
+            float lobe = i / (t * t * (i + sqrt(alpha2 + (1.0 - alpha2) * i * i)));
+            vec3 light = texelFetch(probe_texels, texel).rgb * lobe;
+            float away2 = away * away;
+            row_base += light;
+            row_grazing += light * (away2 * away2 * away);
         }
-        sum += ring * solid_angle;
+        base += row_base * across;
+        grazing += row_grazing * across;
     }
-    return sum * masked;
+    float ring = step_around * 2.0 * sin(0.5 * step_down);
+    float constants = alpha2 / PI * 2.0 * smith_masking(view_cosine, alpha) / (4.0 * view_cosine);
+    return (normal_incidence * (base - grazing) + grazing) * (ring * constants);
 }
 
 // The same of a narrow lobe, by samples.
@@ -133,7 +147,8 @@ void main() {
         if (alpha < WIDE) {
             radiance += seen * lobe_light(normal, view, alpha, normal_incidence);
         } else {
-            uint columns = alpha < WIDER ? COLUMNS : COLUMNS / 2u;
+            bool strong = max(max(normal_incidence.r, normal_incidence.g), normal_incidence.b) >= STRONG;
+            uint columns = (alpha < WIDER ? COLUMNS : COLUMNS / 2u) / (strong ? 1u : 2u);
             radiance += seen * wide_lobe_light(normal, view, alpha, normal_incidence, columns);
         }
     }

@@ -25,7 +25,12 @@ use crate::{Error, Result};
 pub struct TransferConstants {
     /// Vertices of the object.
     pub vertices: u32,
+    /// Invocations; each does its own vertex and those that lie so many, and multiples of it, behind it.
+    pub invocations: u32,
 }
+
+/// Vertices of an invocation (`irradiance.comp`).
+const VERTICES: u32 = 4;
 
 /// Push constants of the reflection (`glsl/shared/probe_shade.glsl`).
 #[repr(C)]
@@ -206,9 +211,10 @@ impl ProbeObject {
     /// When the object has more vertices than a dispatch has invocations.
     pub fn record_light(&self, recorder: &mut Recorder) -> Result<()> {
         let Some(transfer) = &self.transfer else { return Ok(()) };
-        let constants = TransferConstants { vertices: transfer.vertices };
+        let invocations = transfer.vertices.div_ceil(VERTICES);
+        let constants = TransferConstants { vertices: transfer.vertices, invocations };
         recorder.pass("vertex irradiance", |_, commands| {
-            transfer.pipeline.dispatch(commands, &transfer.set, &constants, transfer.vertices)
+            transfer.pipeline.dispatch(commands, &transfer.set, &constants, invocations)
         })?;
         recorder.count("vertices", u64::from(transfer.vertices));
         recorder.barrier(&[Use::ComputeWrite], &[Use::VertexRead]);
