@@ -46,10 +46,10 @@ const uint COLUMNS = SAMPLES < 32u ? 32u : 64u;
 // Lobes that reflect less than this at normal incidence are not what one looks at: half the columns do.
 const float STRONG = 0.25;
 
-// Light that a wide GGX lobe reflects to the eye, from all texels of the coarsest level with at least so many columns.
+// Light that a wide GGX lobe reflects to the eye, from all texels of the level with about so many columns.
 vec3 wide_lobe_light(vec3 normal, vec3 view, float alpha, vec3 normal_incidence, uint columns) {
     uint index = uint(probe_levels.length()) - 1u;
-    while (index > 0u && probe_levels[index].x < columns) --index;
+    while (index > 0u && 10u * probe_levels[index].x < 7u * columns) --index;
     uvec4 level = probe_levels[index];
     float step_down = PI / float(level.y);
     float step_around = 2.0 * PI / float(level.x);
