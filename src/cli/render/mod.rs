@@ -276,10 +276,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     bar.finish_and_clear();
     let Studio { set: Set { context, settings, scan, .. }, totals, covered, captured, .. } = studio;
-    let messages = context.validation.messages();
-    if let Some(first) = messages.first() {
-        return Err(Error::Device(format!("{} validation messages, the first: {first}", messages.len())));
-    }
     let probes = source.stats();
     if let Some(journal) = source.journal.take() {
         journal.close();
