@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::values;
 use crate::Result;
-use crate::probes::{CrossFade, Mapping, ProbeSequence, SequenceOptions};
+use crate::probes::{CrossFade, Late, Mapping, ProbeSequence, SequenceOptions};
+use crate::viewer::state::ProbeChoice;
 
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ProbeArgs {
@@ -31,6 +32,12 @@ impl ProbeArgs {
     pub(super) fn open(&self, path: &Path, fade: Option<RangeInclusive<u64>>) -> Result<ProbeSequence> {
         let fade = self.cross_fade.clone().zip(fade).map(|(to, frames)| CrossFade { to, frames });
         ProbeSequence::open(path, &self.options(fade))
+    }
+
+    /// The same flags as the viewer keeps them.
+    pub(super) fn choice(&self, path: &Path, late: Late) -> ProbeChoice {
+        let Self { mapping, turn, rate, ref cross_fade, .. } = *self;
+        ProbeChoice { path: path.to_owned(), mapping, turn, rate, cross_fade: cross_fade.clone(), late }
     }
 
     /// The same flags as options of a sequence.

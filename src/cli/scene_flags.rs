@@ -18,9 +18,19 @@ pub(super) fn expanded(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
         return Ok(arguments);
     }
     let Some(path) = value_of(&arguments, "--scene") else { return Ok(arguments) };
-    let flags = flags(&ViewState::read(Path::new(&path))?);
-    for (flag, value) in flags {
-        if !arguments.iter().skip(2).any(|argument| names(argument, flag)) {
+    let mut state = ViewState::read(Path::new(&path))?;
+    let given = |arguments: &[OsString], flag| arguments.iter().skip(2).any(|argument| names(argument, flag));
+    let far = state.environment.is_some() || state.probes.is_some();
+    // One kind of far field takes the place of the other.
+    let (environment, probes) = (given(&arguments, "--environment"), given(&arguments, "--probes"));
+    if environment {
+        state.probes = None;
+    }
+    if probes {
+        state.environment = None;
+    }
+    for (flag, value) in flags(&state, far || environment || probes) {
+        if !given(&arguments, flag) {
             arguments.push(flag.into());
             arguments.push(value);
         }
@@ -42,16 +52,27 @@ fn value_of(arguments: &[OsString], flag: &str) -> Option<OsString> {
     }
 }
 
-/// Flags of `render` that say what a scene says.
-fn flags(state: &ViewState) -> Vec<(&'static str, OsString)> {
+/// Flags of `render` that say what a scene says, in front of a far field or of none.
+fn flags(state: &ViewState, far: bool) -> Vec<(&'static str, OsString)> {
     let vector = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
     let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.clone().into_os_string());
     let text = |text: String| Some(OsString::from(text));
     let viewpoint = state.viewpoint;
+    let probes = state.probes.as_ref();
+    let backdrop = match state.points {
+        Some(_) if state.cloud.is_some() => Some("points"),
+        _ if far => Some("environment"),
+        _ => None,
+    };
     let list = [
         ("--cloud", path(&state.cloud)),
         ("--object", path(&state.object)),
         ("--environment", path(&state.environment)),
+        ("--probes", probes.map(|probes| probes.path.clone().into_os_string())),
+        ("--mapping", probes.map(|probes| probes.mapping.name().into())),
+        ("--turn", probes.map(|probes| probes.turn.to_string().into())),
+        ("--rate", probes.map(|probes| probes.rate.to_string().into())),
+        ("--cross-fade", probes.and_then(|probes| path(&probes.cross_fade))),
         ("--up", text(state.up.name().into())),
         ("--object-at", state.placement.at.map(|at| vector(at).into())),
         ("--object-scale", text(state.placement.scale.to_string())),
@@ -67,7 +88,7 @@ fn flags(state: &ViewState) -> Vec<(&'static str, OsString)> {
         ("--material", text(state.material.to_string())),
         ("--exposure", text(state.exposure.to_string())),
         ("--tone", text(state.tone.name().into())),
-        ("--backdrop", state.points.map(|_| "points".into())),
+        ("--backdrop", backdrop.map(Into::into)),
         ("--points", state.points.map(|display| display.name().into())),
     ];
     list.into_iter().filter_map(|(flag, value)| value.map(|value| (flag, value))).collect()
@@ -91,6 +112,19 @@ mod tests {
         assert_eq!(after("--object-scale").as_deref(), Some("2.5"));
         assert_eq!(after("--object-turn"), None);
         assert!(after("--cloud").is_some_and(|cloud| cloud.ends_with("c.ply") && cloud.len() > 5));
+        std::fs::write(&path, "[probes]\npath = \"p.exr\"\nturn = 90.5\n").expect("a file");
+        for (extra, turn, backdrop) in
+            [("--stats=s.json", Some("90.5"), Some("environment")), ("--environment=e.exr", None, Some("environment"))]
+        {
+            let given = ["relume", "render", &scene, extra].map(OsString::from).to_vec();
+            let all = expanded(given).expect("arguments");
+            let after = |flag: &str| {
+                let at = all.iter().position(|a| a == flag)?;
+                Some(all[at + 1].to_string_lossy().into_owned())
+            };
+            assert_eq!((after("--turn").as_deref(), after("--backdrop").as_deref()), (turn, backdrop), "{extra}");
+            assert_eq!(after("--probes").is_some(), turn.is_some(), "{extra}");
+        }
         let other = ["relume", "build", &scene].map(OsString::from).to_vec();
         assert_eq!(expanded(other.clone()).expect("arguments"), other);
     }

@@ -2,10 +2,14 @@
 
 use std::path::PathBuf;
 
+use super::probe_flags::ProbeArgs;
 use super::render::{self, UpAxis};
 use super::values;
+use crate::frames::Method;
 use crate::gpu::ContextOptions;
 use crate::gpu::reload::Reload;
+use crate::probes::Late;
+use crate::viewer::state::ProbeChoice;
 use crate::viewer::{self, ViewState};
 use crate::{Error, Result};
 
@@ -29,8 +33,17 @@ pub(super) struct Args {
     #[arg(long, value_enum, allow_hyphen_values = true)]
     up: Option<UpAxis>,
     /// Far field where no point covers: lat-long .exr or .hdr [default: black]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "probes")]
     environment: Option<PathBuf>,
+    #[command(flatten)]
+    probes: ProbeArgs,
+    /// Frames for which there was no time: drop, or wait, which shows them all the same
+    #[arg(long, value_name = "HOW", default_value = "drop", requires = "probes")]
+    late: Late,
+    /// classic, mipmapped, hybrid or shared, or probes, which lights by the probes alone [default: by the panel's
+    /// quality; probes without a cloud]
+    #[arg(long)]
+    technique: Option<Method>,
     /// Size of the window [default: 1280x720, or the scene's]
     #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true)]
     size: Option<(u32, u32)>,
@@ -60,7 +73,22 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
     }
     state.up = args.up.map_or(state.up, Into::into);
+    state.technique = args.technique.or(state.technique);
+    if args.environment.is_some() {
+        state.probes = None;
+    }
+    match &args.probes.probes {
+        Some(path) => {
+            (state.environment, state.probes) = (None, Some(args.probes.choice(path, args.late)));
+            state.playing = true;
+        }
+        None if args.probes.turn != 0.0 || args.probes.cross_fade.is_some() => {
+            return Err(Error::Argument("--turn and --cross-fade need --probes PATTERN".into()));
+        }
+        None => {}
+    }
     // Before a window opens, what cannot be opened is found.
+    state.probes.as_ref().map(ProbeChoice::open).transpose()?;
     for path in [&state.cloud, &state.object, &state.environment].into_iter().flatten() {
         std::fs::File::open(path).map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
     }

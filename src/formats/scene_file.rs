@@ -30,6 +30,9 @@ pub struct SceneFile {
     /// Width and height, pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
+    /// Light probes beyond the scan, in the place of the far field.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub probes: ProbeTable,
     /// Where the object stands.
     #[serde(default, skip_serializing_if = "is_default")]
     pub placement: PlacementTable,
@@ -42,6 +45,33 @@ pub struct SceneFile {
     /// How the picture is shown.
     #[serde(default, skip_serializing_if = "is_default")]
     pub display: DisplayTable,
+}
+
+/// `[probes]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProbeTable {
+    /// File, folder or pattern.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathBuf>,
+    /// `lat-long`, `mirror-ball` or `angular`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mapping: Option<String>,
+    /// Turn about +Y, degrees a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn: Option<f64>,
+    /// Frames a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// File, folder or pattern of what they fade into.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cross_fade: Option<PathBuf>,
+    /// What the viewer does with frames for which there was no time: `drop` or `wait`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub late: Option<String>,
+    /// Whether the viewer plays them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub playing: Option<bool>,
 }
 
 /// `[placement]`
@@ -84,7 +114,7 @@ pub struct RenderTable {
     /// `draft`, `normal` or `high`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<String>,
-    /// `classic`, `mipmapped`, `hybrid` or `shared`.
+    /// `classic`, `mipmapped`, `hybrid`, `shared` or `probes`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub technique: Option<String>,
     /// Micro-pixels along a side.
@@ -110,6 +140,14 @@ pub struct DisplayTable {
     pub points: Option<String>,
 }
 
+impl SceneFile {
+    /// All of its paths.
+    fn paths(&mut self) -> impl Iterator<Item = &mut PathBuf> {
+        let Self { cloud, object, environment, probes, .. } = self;
+        [cloud, object, environment, &mut probes.path, &mut probes.cross_fade].into_iter().flatten()
+    }
+}
+
 fn is_default<T: Default + PartialEq>(table: &T) -> bool {
     *table == T::default()
 }
@@ -126,10 +164,8 @@ pub fn read(path: &Path) -> Result<SceneFile> {
     let text = String::from_utf8(read_bytes(path)?).map_err(|_| Error::file(path, "is no text"))?;
     let mut scene: SceneFile = toml::from_str(&text).map_err(|e| Error::file(path, explain(&text, &e)))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    for file in [&mut scene.cloud, &mut scene.object, &mut scene.environment].into_iter().flatten() {
-        *file = folder.join(&file);
-    }
-    let SceneFile { placement, camera, display, .. } = &scene;
+    scene.paths().for_each(|file| *file = folder.join(&file));
+    let SceneFile { placement, camera, display, probes, .. } = &scene;
     let vectors = [
         ("placement.at", placement.at),
         ("placement.up", placement.up),
@@ -141,6 +177,8 @@ pub fn read(path: &Path) -> Result<SceneFile> {
         ("placement.turn", placement.turn),
         ("camera.fov", camera.fov),
         ("display.exposure", display.exposure),
+        ("probes.turn", probes.turn),
+        ("probes.rate", probes.rate),
     ];
     let vectors = vectors.into_iter().flat_map(|(key, v)| v.into_iter().flatten().map(move |n| (key, n)));
     let numbers = numbers.into_iter().filter_map(|(key, n)| n.map(|n| (key, n)));
@@ -175,9 +213,9 @@ pub fn write(path: &Path, scene: &SceneFile) -> Result<()> {
         _ => Path::new("."),
     };
     let folder = folder.canonicalize().map_err(|e| Error::file(path, format!("cannot be written: {e}")))?;
-    for file in [&mut scene.cloud, &mut scene.object, &mut scene.environment].into_iter().flatten() {
-        // A file that went away keeps the name that it had.
-        if let Ok(whole) = file.canonicalize() {
+    for file in scene.paths() {
+        // A file whose folder went away keeps the name that it had.
+        if let Some(whole) = canonical(file) {
             *file = whole.strip_prefix(&folder).map(Path::to_owned).unwrap_or(whole);
         }
     }
@@ -186,6 +224,15 @@ pub fn write(path: &Path, scene: &SceneFile) -> Result<()> {
         std::io::Write::write_all(file, text.as_bytes())
             .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
     })
+}
+
+/// The whole path of a file, or of a pattern, which is no file itself.
+fn canonical(path: &Path) -> Option<PathBuf> {
+    let beside = || {
+        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
+    };
+    path.canonicalize().ok().or_else(beside)
 }
 
 #[cfg(test)]
@@ -206,13 +253,15 @@ mod tests {
         std::fs::write(folder.path().join("room.ply"), "").expect("a file");
         let scene = SceneFile {
             cloud: Some(folder.path().join("room.ply")),
+            probes: ProbeTable { path: Some(folder.path().join("p.##.exr")), turn: Some(-0.1), ..Default::default() },
             size: Some([640, 360]),
             placement: PlacementTable { at: Some([0.1, -2.0, 1e6 + 0.125]), turn: Some(25.0), ..Default::default() },
             render: RenderTable { material: Some("metal:0.25".into()), ..Default::default() },
             ..SceneFile::default()
         };
         write(&path, &scene).expect("a scene file");
-        assert!(std::fs::read_to_string(&path).expect("text").contains("cloud = \"room.ply\""));
+        let text = std::fs::read_to_string(&path).expect("text");
+        assert!(text.contains("cloud = \"room.ply\"") && text.contains("path = \"p.##.exr\""), "{text}");
         assert_eq!(read(&path).expect("a scene"), scene);
     }
 

@@ -148,6 +148,10 @@ pub struct PointRenderer {
     images: PointImages,
     operators: PointOperators,
     shadow: Option<ContactShadowPass>,
+    /// What the points light the caster with, for the place and the distance that it was found for.
+    lights: Option<(Vec3, f32, Vec<(Vec3, Option<Vec3>)>)>,
+    /// What was drawn last.
+    view: Option<PointView>,
 }
 
 /// What casts a contact shadow on the scan.
@@ -214,6 +218,8 @@ impl PointRenderer {
             images,
             operators,
             shadow: None,
+            lights: None,
+            view: None,
         })
     }
 
@@ -229,7 +235,7 @@ impl PointRenderer {
         self.move_shadow(caster)
     }
 
-    /// Moves the object that casts its shadow already.
+    /// Moves the object that casts its shadow already, or changes the light from beyond the scan.
     ///
     /// # Errors
     /// When a Vulkan call fails.
@@ -242,7 +248,11 @@ impl PointRenderer {
         let scale = world_from_object.matrix3.x_axis.length();
         let centre = world_from_object.transform_point3(0.5 * (low + high));
         let radius = 0.5 * (high - low).length() * scale;
-        let lights = directional_light::estimate(&self.chunks, centre, 0.5 * radius, far_field);
+        let known = self.lights.take().filter(|(place, nearest, _)| (*place, *nearest) == (centre, 0.5 * radius));
+        let (_, _, of_points) = self.lights.insert(known.unwrap_or_else(|| {
+            (centre, 0.5 * radius, directional_light::of_points(&self.chunks, centre, 0.5 * radius))
+        }));
+        let lights = directional_light::beyond(of_points, far_field);
         pass.place(&ShadowSetup { object_from_world: world_from_object.inverse(), centre, radius, lights })
     }
 
@@ -262,6 +272,7 @@ impl PointRenderer {
             pass.bind(&self.images)?;
         }
         (self.settings.width, self.settings.height) = (width, height);
+        self.view = None;
         Ok(())
     }
 
@@ -292,6 +303,20 @@ impl PointRenderer {
         })
     }
 
+    /// Makes the shadow of the picture that was rendered last anew, after [`Self::move_shadow`]: all else of it stays.
+    ///
+    /// # Errors
+    /// Vulkan's own errors.
+    pub fn shade_again(&mut self, frame: &mut PointFrame) -> Result<()> {
+        frame.profile = Profile::default();
+        let (Some(pass), Some(view)) = (&self.shadow, self.view) else { return Ok(()) };
+        let mut recorder = Recorder::new(&self.context)?;
+        pass.record(&mut recorder, view)?;
+        recorder.finish(&mut frame.profile)?;
+        frame.shadow = pass.shadow.download(self.settings.width as usize * self.settings.height as usize)?;
+        Ok(())
+    }
+
     /// What was drawn last, before hidden points were removed and after the surface was filled
     /// ([`PointImages::points`], [`PointImages::surface`]).
     pub fn images(&self) -> &PointImages {
@@ -319,6 +344,7 @@ impl PointRenderer {
             pass.record(&mut recorder, view)?;
         }
         recorder.finish(profile)?;
+        self.view = Some(view);
         Ok(drawn)
     }
 

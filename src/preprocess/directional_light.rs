@@ -20,6 +20,17 @@ const ENOUGH: usize = 1 << 18;
 /// that of the points around a direction by the solid angle of each, whatever is in front of it, and the far field's
 /// where there is none. Points nearer than `nearest` metres do not count.
 pub fn estimate(chunks: &PointChunks, place: Vec3, nearest: f32, far_field: Option<&FarField>) -> Vec<(Vec3, Vec3)> {
+    beyond(&of_points(chunks, place, nearest), far_field)
+}
+
+/// The same directions in front of a far field, whose light comes from where there are no points.
+pub fn beyond(of_points: &[(Vec3, Option<Vec3>)], far_field: Option<&FarField>) -> Vec<(Vec3, Vec3)> {
+    let far = |direction| far_field.map_or(Vec3::ZERO, |far_field| far_field.sample(direction));
+    of_points.iter().map(|&(direction, light)| (direction, light.unwrap_or_else(|| far(direction)))).collect()
+}
+
+/// What [`estimate`] has of the points alone, which takes nearly all of its time.
+pub fn of_points(chunks: &PointChunks, place: Vec3, nearest: f32) -> Vec<(Vec3, Option<Vec3>)> {
     let directions: Vec<Vec3> = (0..DIRECTIONS)
         .map(|k| {
             let y = 1.0 - (2.0 * k as f32 + 1.0) / DIRECTIONS as f32;
@@ -58,8 +69,7 @@ pub fn estimate(chunks: &PointChunks, place: Vec3, nearest: f32, far_field: Opti
         .map(|(k, &direction)| {
             let (light, weight) =
                 sums.iter().fold((Vec3::ZERO, 0.0), |sum, part| (sum.0 + part[k].0, sum.1 + part[k].1));
-            let beyond = || far_field.map_or(Vec3::ZERO, |far_field| far_field.sample(direction));
-            (direction, if weight > 0.0 { light / weight } else { beyond() })
+            (direction, (weight > 0.0).then(|| light / weight))
         })
         .collect()
 }

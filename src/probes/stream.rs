@@ -8,6 +8,7 @@ use std::num::NonZero;
 use std::ops::{Bound, RangeBounds, RangeInclusive};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -160,11 +161,30 @@ impl ProbeStream {
     /// skipped frames no more are begun. A number that is not after the frame taken last gives that frame again. None
     /// after the last frame.
     pub fn at(&mut self, number: u64) -> Option<ProbeFrame> {
-        if let Some(last) = self.last.as_ref().filter(|last| number <= last.number) {
-            return Some(last.clone());
+        if let Some(last) = self.known(number) {
+            return Some(last);
         }
         self.shared.skip_to(number);
         self.next()
+    }
+
+    /// As [`Self::at`], but without waiting: pending while the frame is being decoded. Whoever asks for a later one each
+    /// time may never get any.
+    pub fn poll(&mut self, number: u64) -> Poll<Option<ProbeFrame>> {
+        if let Some(last) = self.known(number) {
+            return Poll::Ready(Some(last));
+        }
+        self.shared.skip_to(number);
+        let found = self.shared.find(&mut self.shared.lock());
+        if let Poll::Ready(Some(frame)) = &found {
+            self.last = Some(frame.clone());
+        }
+        found
+    }
+
+    /// The frame taken last, where `number` is not after it.
+    fn known(&self, number: u64) -> Option<ProbeFrame> {
+        self.last.clone().filter(|last| number <= last.number)
     }
 
     /// Takes the frames that were damaged since the last call, by number, and what is wrong with them; in the order in
@@ -214,29 +234,35 @@ impl Shared {
         let started = Instant::now();
         let mut state = self.lock();
         let frame = loop {
-            let number = state.wanted;
-            if number >= self.end {
-                break None;
-            }
-            match state.slots.get(&number) {
-                None | Some(Slot::InWork) => state = self.wait(state),
-                Some(Slot::Damaged) => {
-                    state.slots.remove(&number);
-                    state.wanted += 1;
-                    // The ring has moved on.
-                    self.changed.notify_all();
-                }
-                Some(Slot::Decoded(panorama)) => {
-                    let frame = ProbeFrame { number, panorama: Arc::clone(panorama) };
-                    state.slots.remove(&number);
-                    state.wanted += 1;
-                    self.changed.notify_all();
-                    break Some(frame);
-                }
+            match self.find(&mut state) {
+                Poll::Ready(frame) => break frame,
+                Poll::Pending => state = self.wait(state),
             }
         };
         state.stats.waited_ms += started.elapsed().as_secs_f64() * 1e3;
         frame
+    }
+
+    /// The same without waiting.
+    fn find(&self, state: &mut State) -> Poll<Option<ProbeFrame>> {
+        loop {
+            let number = state.wanted;
+            if number >= self.end {
+                return Poll::Ready(None);
+            }
+            let frame = match state.slots.get(&number) {
+                None | Some(Slot::InWork) => return Poll::Pending,
+                Some(Slot::Damaged) => None,
+                Some(Slot::Decoded(panorama)) => Some(ProbeFrame { number, panorama: Arc::clone(panorama) }),
+            };
+            state.slots.remove(&number);
+            state.wanted += 1;
+            // The ring has moved on.
+            self.changed.notify_all();
+            if frame.is_some() {
+                return Poll::Ready(frame);
+            }
+        }
     }
 
     /// Drops what comes before `number`, but for what threads are at: they drop that when they are done.

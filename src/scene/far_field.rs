@@ -1,6 +1,7 @@
 //! Light from beyond the scan: a lat-long panorama at infinity.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// A lat-long image of linear radiance, row 0 towards +Y, image centre towards -Z, +X at three quarters of the width.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +42,7 @@ impl FarField {
         let texel =
             |x: u32, y: u32| self.radiance[(y.min(self.height - 1) * self.width + x.min(self.width - 1)) as usize];
         let radiance = (0..width * height)
+            .into_par_iter()
             .map(|i| {
                 let (x, y) = (i % width * 2, i / width * 2);
                 (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1)) * 0.25

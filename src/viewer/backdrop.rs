@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::loader::Assets;
+use super::loader::{Assets, Part};
 use super::state::ViewState;
 use crate::Result;
 use crate::frames::composite::{Backdrop, Composite, compose};
@@ -20,14 +20,21 @@ const QUICK_POINTS: u64 = 100_000;
 #[derive(Default)]
 pub(super) struct Scan {
     renderer: Option<PointRenderer>,
-    /// Where the object stands that casts its shadow.
-    shadow: Option<(Placement, DVec3)>,
+    /// Where the object stands that casts its shadow, and [`Assets::light`] beyond the scan.
+    shadow: Option<(Placement, DVec3, u64)>,
+    /// The last picture, and what it shows: where only the light changes, as while probes are played, most of it stays.
+    picture: Option<(Shown, PointFrame)>,
 }
+
+/// What a picture depends on besides its shadow: camera, size, display, most points.
+type Shown = (Camera, [u32; 2], PointDisplay, Option<u64>);
 
 impl Scan {
     /// Other files are loaded.
-    pub(super) fn changed(&mut self) {
-        *self = Self::default();
+    pub(super) fn changed(&mut self, parts: &[Part]) {
+        if parts.contains(&Part::Cloud) || parts.contains(&Part::Object) {
+            *self = Self::default();
+        }
     }
 
     /// The scan, displayed as the state says; `None` where it is not shown.
@@ -39,7 +46,7 @@ impl Scan {
         [width, height]: [u32; 2],
         camera: &Camera,
         moving: bool,
-    ) -> Result<Option<PointFrame>> {
+    ) -> Result<Option<&PointFrame>> {
         let (Some(display), Some(chunks)) = (state.points, &assets.chunks) else { return Ok(None) };
         let most_points = moving.then_some(QUICK_POINTS);
         let renderer = match &mut self.renderer {
@@ -47,33 +54,45 @@ impl Scan {
             none => {
                 let memory_budget = Settings::DEFAULT_BUDGET;
                 let settings = PointSettings { width, height, memory_budget, ..PointSettings::default() };
-                self.shadow = None;
+                (self.shadow, self.picture) = (None, None);
                 none.insert(PointRenderer::new(context, chunks, settings)?)
             }
         };
         renderer.resize(width, height)?;
         renderer.show(display, most_points);
-        let place = (state.placement, assets.origin);
+        let shown = (*camera, [width, height], display, most_points);
+        let mut known = self.picture.take().filter(|(known, _)| *known == shown);
+        let place = (state.placement, assets.origin, assets.light);
         if let Some(field) = assets.field.as_deref().filter(|_| display != PointDisplay::Raw) {
             let caster = ShadowCaster {
                 field,
                 world_from_object: place.0.world_from_object(place.1),
-                far_field: assets.environment.as_ref().map(|(_, far_field)| far_field.as_ref()),
+                far_field: assets.far_field().map(Arc::as_ref),
             };
             match self.shadow {
-                None => renderer.cast_shadow(Some(caster))?,
+                None => {
+                    renderer.cast_shadow(Some(caster))?;
+                    known = None;
+                }
                 Some(known) if known != place => renderer.move_shadow(caster)?,
                 Some(_) => {}
             }
             self.shadow = Some(place);
         }
-        renderer.render(camera).map(Some)
+        let picture = match known {
+            None => renderer.render(camera)?,
+            Some((_, mut picture)) => {
+                renderer.shade_again(&mut picture)?;
+                picture
+            }
+        };
+        Ok(Some(&self.picture.insert((shown, picture)).1))
     }
 }
 
 /// Object, scan and far field in one picture.
 pub(super) fn composed(assets: &Assets, frame: &Frame, scan: Option<&PointFrame>, camera: &Camera) -> Composite {
-    let environment = assets.environment.as_ref().map(|(_, far_field)| far_field.as_ref());
+    let environment = assets.far_field().map(Arc::as_ref);
     let tolerance = assets.chunks.as_ref().map_or(0.0, |chunks| chunks.spacing);
     compose(frame, camera, Backdrop { points: scan, environment, tolerance })
 }

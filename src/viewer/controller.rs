@@ -9,9 +9,9 @@ use glam::{DVec3, Vec3};
 
 use super::drag::{Drag, Grip};
 use super::mailbox::{Command, Mailbox, Request};
+use super::messages::{Picture, Stage};
 use super::state::ViewState;
-use super::worker::{Loaded, Message, Picture, Stage};
-use super::{camera_control as control, loader::Part, pick};
+use super::{camera_control as control, pick};
 use crate::gpu::context::ValidationLog;
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, Viewpoint};
@@ -80,6 +80,8 @@ pub enum Input {
     Save,
     /// The scene is to be read again from its file.
     Reopen,
+    /// Light probes are to be played, or to stay at the frame that is shown.
+    Play(bool),
     /// PNG and EXR of the picture, in the working directory.
     Screenshot,
     /// A capture for RenderDoc, which the viewer must have been started under.
@@ -108,11 +110,11 @@ pub struct Controller {
     pub area: [f32; 4],
     mailbox: Arc<Mailbox>,
     pub(super) logs: Vec<Arc<ValidationLog>>,
-    origin: DVec3,
-    hierarchy: Option<Arc<Hierarchy>>,
-    object_bounds: Option<(Vec3, Vec3)>,
+    pub(super) origin: DVec3,
+    pub(super) hierarchy: Option<Arc<Hierarchy>>,
+    pub(super) object_bounds: Option<(Vec3, Vec3)>,
     /// Paths that are loaded.
-    loaded: ViewState,
+    pub(super) loaded: ViewState,
     pointer: [f32; 2],
     shift: bool,
     ctrl: bool,
@@ -120,7 +122,7 @@ pub struct Controller {
     drag: Option<Drag>,
     last_click: Option<(Instant, [f32; 2])>,
     moved: Option<Instant>,
-    sent: Option<Request>,
+    pub(super) sent: Option<Request>,
     /// When moving pictures came to the screen.
     rate: VecDeque<Instant>,
     ticked: Instant,
@@ -202,6 +204,10 @@ impl Controller {
                 let path = self.scene_path.clone();
                 self.tell(|own| own.open(&path));
             }
+            Input::Play(on) => match self.state.probes {
+                Some(_) => self.state.playing = on,
+                None => self.status = "there are no light probes to play".into(),
+            },
             Input::Capture => self.mailbox.command(Command::Capture),
             Input::Screenshot => {
                 let free =
@@ -228,78 +234,6 @@ impl Controller {
     fn tell(&mut self, work: impl FnOnce(&mut Self) -> Result<()>) {
         if let Err(error) = work(self) {
             self.status = error.to_string();
-        }
-    }
-
-    /// Hears from the worker.
-    pub fn message(&mut self, message: Message) {
-        match message {
-            Message::Device(name, log, why_no_feedback) => {
-                self.device = name;
-                self.logs.push(log);
-                if let Some(why) = why_no_feedback {
-                    self.status = why;
-                }
-            }
-            Message::Loading(loading) => self.loading = loading,
-            Message::Loaded(loaded) => self.take(*loaded),
-            Message::LoadFailed(part, problem) => {
-                self.status = problem;
-                match part {
-                    _ if self.undo.is_some() => self.state = self.undo.take().unwrap_or_default(),
-                    Part::Cloud => (self.state.cloud, self.state.up) = (self.loaded.cloud.clone(), self.loaded.up),
-                    Part::Object => self.state.object.clone_from(&self.loaded.object),
-                    Part::Environment => self.state.environment.clone_from(&self.loaded.environment),
-                }
-                self.failed = self.sent.as_ref().map(|request| request.number);
-            }
-            Message::Picture(picture) => {
-                self.undo = None;
-                self.picture = Some(*picture);
-            }
-            Message::Status(line) => self.status = line,
-            Message::Shaders(None) => {
-                self.shader_error = None;
-                self.status = "the shaders are compiled anew".into();
-            }
-            Message::Shaders(Some(error)) => {
-                let first = error.lines().next().unwrap_or_default();
-                self.status = format!("the old shaders stay: {first}");
-                self.shader_error = Some(error);
-            }
-            Message::RenderFailed(number, problem) => (self.failed, self.status) = (Some(number), problem),
-            Message::Saved(stem) => {
-                self.status = format!("{0}.png and {0}.exr are written", stem.display());
-                self.saved.push(stem);
-            }
-            Message::Fatal(error) => self.fatal = Some(error),
-        }
-    }
-
-    fn take(&mut self, loaded: Loaded) {
-        (self.origin, self.hierarchy, self.object_bounds) = (loaded.origin, loaded.hierarchy, loaded.object_bounds);
-        self.loaded = loaded.state;
-        self.undo = None;
-        let Some((low, high)) = self.object_bounds else { return };
-        if let (None, Some(hierarchy)) = (self.state.placement.at, &self.hierarchy) {
-            let mut at = self.origin;
-            let [x, y, z, radius] = hierarchy.spheres[0];
-            let centre = Vec3::new(x, y, z);
-            let world = self.state.placement.world_from_object(self.origin);
-            let middle = world.transform_point3(0.5 * (low + high));
-            if middle.distance(centre) > radius {
-                // The file puts it outside of the scan: on the ground in the scan's middle it can be seen.
-                let ground = pick::surface(hierarchy, centre, Vec3::NEG_Y).map_or(centre, |hit| hit.position);
-                at += (ground - world.transform_vector3(base(low, high))).as_dvec3();
-            }
-            self.state.placement.at = Some(at);
-        }
-        if self.state.viewpoint.is_none() && self.hierarchy.is_some() {
-            let world = self.state.placement.world_from_object(self.origin);
-            let middle = world.transform_point3(0.5 * (low + high));
-            let radius = 0.5 * world.transform_vector3(high - low).length();
-            let camera = Camera::framing(middle, 1.6 * radius);
-            self.state.viewpoint = Some(Viewpoint::of(&camera, self.origin));
         }
     }
 
@@ -482,8 +416,7 @@ impl Controller {
         let Some(sent) = &self.sent else { return false };
         let up_to_date = sent.state == self.state && !sent.moving && self.loading.is_none();
         let shown = self.picture.as_ref().is_some_and(|p| p.number == sent.number && p.stage == Stage::Finished);
-        let nothing = self.state.cloud.is_none() || self.state.object.is_none();
-        up_to_date && (shown || nothing || self.failed.is_some_and(|number| number + 1 >= sent.number))
+        up_to_date && (shown || !self.state.complete() || self.failed.is_some_and(|number| number + 1 >= sent.number))
     }
 
     /// Moving pictures a second, lately; 0 when nothing moves.
@@ -501,6 +434,6 @@ impl Controller {
 }
 
 /// Middle of the underside of bounds.
-fn base(low: Vec3, high: Vec3) -> Vec3 {
+pub(super) fn base(low: Vec3, high: Vec3) -> Vec3 {
     Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z))
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::controller::Controller;
 use super::loader::Part;
-use super::state::ViewState;
+use super::state::{ProbeChoice, ViewState};
 use crate::{Error, Result};
 
 impl Controller {
@@ -16,7 +16,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Opens a cloud, an object, a far field or a scene, by the file's name.
+    /// Opens a cloud, an object, a far field or a scene, by the file's name, and a folder as light probes.
     ///
     /// # Errors
     /// [`Error::File`] for other files, and for a scene that cannot be read.
@@ -24,6 +24,7 @@ impl Controller {
         self.failed = None;
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let kind = match extension.as_str() {
+            _ if path.is_dir() => Part::Probes,
             "ply" if has_faces(path) => Part::Object,
             "ply" | "pcd" | "las" | "laz" | "bsh" => Part::Cloud,
             "gltf" | "glb" | "obj" => Part::Object,
@@ -38,7 +39,7 @@ impl Controller {
             _ => {
                 return Err(Error::file(
                     path,
-                    "is none of .ply .pcd .las .laz .bsh, .gltf .glb .obj, .exr .hdr and .toml",
+                    "is none of .ply .pcd .las .laz .bsh, .gltf .glb .obj, .exr .hdr and .toml, and no folder of .exr .hdr",
                 ));
             }
         };
@@ -53,7 +54,11 @@ impl Controller {
                 self.state.object = Some(path.to_owned());
                 (self.state.placement.scale, self.state.placement.turn) = (1.0, 0.0);
             }
-            Part::Environment => self.state.environment = Some(path.to_owned()),
+            Part::Environment => (self.state.environment, self.state.probes) = (Some(path.to_owned()), None),
+            Part::Probes => {
+                (self.state.environment, self.state.probes) = (None, Some(ProbeChoice::new(path)));
+                self.state.playing = true;
+            }
         }
         Ok(())
     }

@@ -2,10 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::player::Player;
 use super::state::ViewState;
+use super::transfers::Transfers;
 use crate::Result;
 use crate::formats::cloud::{CloudOptions, Up};
 use crate::formats::{bsh, cloud, image, object};
@@ -27,6 +30,8 @@ pub enum Part {
     Object,
     /// Far field.
     Environment,
+    /// Light probes.
+    Probes,
 }
 
 /// What has been read.
@@ -36,13 +41,18 @@ pub(super) struct Assets {
     pub(super) cloud: Option<(PathBuf, Up, Arc<Hierarchy>)>,
     /// What was subtracted from the cloud's coordinates.
     pub(super) origin: DVec3,
-    pub(super) environment: Option<(PathBuf, Arc<FarField>)>,
+    environment: Option<(PathBuf, Arc<FarField>)>,
+    probes: Option<Player>,
+    /// Counts up with every other light from beyond the scan.
+    pub(super) light: u64,
     /// The cloud's points.
     pub(super) chunks: Option<Arc<PointChunks>>,
     /// The object with fewer triangles, for pictures of things that move.
     pub(super) simple_object: Option<Arc<Object>>,
     /// Distances to the object's surface.
     pub(super) field: Option<Arc<DistanceField>>,
+    /// The object's transfers.
+    pub(super) transfers: Transfers,
 }
 
 /// How far reading is.
@@ -62,6 +72,7 @@ impl Assets {
             self.field = Some(Arc::new(DistanceField::new(&object)));
             self.simple_object = Some(Arc::new(simplify(&object, QUICK_TRIANGLES)));
             self.object = Some((path.clone(), Arc::new(object)));
+            self.transfers = Transfers::default();
             new.push(Part::Object);
         }
         let known = self.cloud.as_ref().filter(|(_, up, _)| *up == state.up).map(|(path, ..)| path);
@@ -72,21 +83,61 @@ impl Assets {
             self.origin = origin;
             new.push(Part::Cloud);
         }
-        match (&state.environment, &self.environment) {
-            (None, Some(_)) => {
-                self.environment = None;
-                new.push(Part::Environment);
+        let wished = state.probes.as_ref();
+        let probes = match wished.filter(|wished| self.probes.as_ref().map(Player::choice) != Some(*wished)) {
+            Some(wished) => {
+                report(&format!("reading {}", name(&wished.path)), 0.9);
+                Some(Player::open(wished).map_err(|e| (Part::Probes, e))?)
             }
-            (wished, known) => {
-                if let Some(path) = wanted(wished, known.as_ref().map(|(path, _)| path)) {
-                    report(&format!("reading {}", name(path)), 0.9);
-                    let far_field = image::read_far_field(path).map_err(|e| (Part::Environment, e))?;
-                    self.environment = Some((path.clone(), Arc::new(far_field)));
-                    new.push(Part::Environment);
-                }
+            None => None,
+        };
+        let environment = match wanted(&state.environment, self.environment.as_ref().map(|(path, _)| path)) {
+            Some(path) => {
+                report(&format!("reading {}", name(path)), 0.9);
+                let far_field = image::read_far_field(path).map_err(|e| (Part::Environment, e))?;
+                Some((path.clone(), Arc::new(far_field)))
             }
+            None => None,
+        };
+        // Both are there: one may take the other's place.
+        if probes.is_some() || (wished.is_none() && self.probes.is_some()) {
+            self.probes = probes;
+            new.push(Part::Probes);
         }
+        if environment.is_some() || (state.environment.is_none() && self.environment.is_some()) {
+            self.environment = environment;
+            new.push(Part::Environment);
+        }
+        self.light += u64::from(new.contains(&Part::Probes) || new.contains(&Part::Environment));
         Ok(new)
+    }
+
+    /// What lies beyond the scan now.
+    pub(super) fn far_field(&self) -> Option<&Arc<FarField>> {
+        let environment = self.environment.as_ref().map(|(_, far_field)| far_field);
+        self.probes.as_ref().map(Player::panorama).or(environment)
+    }
+
+    /// The probes that are open.
+    pub(super) fn probes(&self) -> Option<&Player> {
+        self.probes.as_ref()
+    }
+
+    /// The same, to be played.
+    pub(super) fn probes_mut(&mut self) -> Option<&mut Player> {
+        self.probes.as_mut()
+    }
+
+    /// Takes the probe that is due as light; false where none is.
+    pub(super) fn advance(&mut self, now: Instant) -> bool {
+        let new = self.probes.as_mut().is_some_and(|probes| probes.advance(now));
+        self.light += u64::from(new);
+        new
+    }
+
+    /// The object itself or the simplified one.
+    pub(super) fn object_for(&self, own: bool) -> Option<&Arc<Object>> {
+        if own { self.object.as_ref().map(|(_, object)| object) } else { self.simple_object.as_ref() }
     }
 
     fn load_cloud(

@@ -9,14 +9,18 @@ mod drag;
 mod files;
 mod loader;
 pub mod mailbox;
+pub mod messages;
 pub mod pace;
 mod panel;
 pub mod pick;
+mod player;
 mod presenter;
+mod probe_renderers;
 mod renderers;
 mod script;
 pub mod state;
 mod swapchain;
+mod transfers;
 mod window;
 pub mod worker;
 

@@ -5,6 +5,10 @@
 const DIVISORS: [u32; 4] = [1, 2, 3, 4];
 /// A moving picture may take so long, milliseconds: 15 a second, and some time for the window.
 const BUDGET_MS: f64 = 50.0;
+/// Part of the time between two frames of light probes that a picture may take, and the least that it gets: at still
+/// higher rates frames are left out, rather than that nothing can be seen.
+const SHARE: f64 = 0.8;
+const LEAST_MS: f64 = 20.0;
 /// A finer picture must be expected to take less than this part of it.
 const HEADROOM: f64 = 0.85;
 /// So many pictures in a row must have left time for a finer one.
@@ -44,8 +48,9 @@ impl Pace {
         [width, height].map(|side| side.div_ceil(self.divisor()).max(1))
     }
 
-    /// Hears how long a moving picture took, milliseconds.
-    pub fn observe(&mut self, ms: f64) {
+    /// Hears how long a moving picture took, milliseconds, and how many frames of light probes a second are played.
+    pub fn observe(&mut self, ms: f64, rate: Option<f64>) {
+        let budget = rate.map_or(BUDGET_MS, |rate| (SHARE * 1e3 / rate).clamp(LEAST_MS, BUDGET_MS));
         for (level, mean) in self.means.iter_mut().enumerate().filter(|(level, _)| *level != self.level) {
             // Times of finer levels shrink until they are tried again.
             *mean *= if level < self.level { FORGETTING } else { 1.0 };
@@ -54,13 +59,13 @@ impl Pace {
         *mean = if *mean == 0.0 { ms } else { *mean + WEIGHT * (ms - *mean) };
         let mean = *mean;
         let last = DIVISORS.len() - 1;
-        if mean > BUDGET_MS && ms > BUDGET_MS && self.level < last {
+        if mean > budget && ms > budget && self.level < last {
             self.calm = 0;
             // Two levels at once where one would not do.
             let next = self.level + 1;
-            let coarser = if self.expected(next) > BUDGET_MS { (next + 1).min(last) } else { next };
+            let coarser = if self.expected(next) > budget { (next + 1).min(last) } else { next };
             self.change(coarser);
-        } else if self.level > 0 && self.expected(self.level - 1) < HEADROOM * BUDGET_MS {
+        } else if self.level > 0 && self.expected(self.level - 1) < HEADROOM * budget {
             self.calm += 1;
             if self.calm >= PATIENCE {
                 self.change(self.level - 1);
@@ -100,11 +105,15 @@ mod tests {
 
     /// Level after many pictures that take `fixed` ms and `per_pixel` ms a pixel of the whole window.
     fn settles(fixed: f64, full: f64) -> (u32, u32) {
+        settles_at(None, fixed, full)
+    }
+
+    fn settles_at(rate: Option<f64>, fixed: f64, full: f64) -> (u32, u32) {
         let mut pace = Pace::default();
         let mut changes = 0;
         for frame in 0..200 {
             let before = pace.divisor();
-            pace.observe(fixed + full / f64::from(before * before));
+            pace.observe(fixed + full / f64::from(before * before), rate);
             changes += u32::from(frame > 50 && pace.divisor() != before);
         }
         (pace.divisor(), changes)
@@ -120,9 +129,16 @@ mod tests {
     }
 
     #[test]
+    fn probes_are_played_at_their_rate() {
+        assert_eq!(settles_at(Some(2.0), 5.0, 120.0), (2, 0), "no slower than without");
+        assert_eq!(settles_at(Some(25.0), 5.0, 120.0), (3, 0));
+        assert_eq!(settles_at(Some(1000.0), 5.0, 120.0), (3, 0), "not as coarse as can be");
+    }
+
+    #[test]
     fn sizes_are_never_empty() {
         let mut pace = Pace::default();
-        (0..20).for_each(|_| pace.observe(1e4));
+        (0..20).for_each(|_| pace.observe(1e4, None));
         assert_eq!(pace.size([640, 360]), [160, 90]);
         assert_eq!(pace.size([1, 3]), [1, 1]);
     }

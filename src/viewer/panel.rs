@@ -1,11 +1,13 @@
 //! The side panel, and what is written over the picture.
 
+use std::path::Path;
+
 use egui::{Align2, Color32, FontId, RichText, Sense, Ui, Vec2};
 
 use super::controller::{Controller, Input};
-use super::state::Named;
-use super::worker::Stage;
-use crate::frames::{FrameStats, MaterialChoice, Quality, Settings, Technique};
+use super::messages::Stage;
+use super::state::{Named, ViewState};
+use crate::frames::{FrameStats, MaterialChoice, Method, Quality, Settings};
 
 /// Width of the panel, points.
 const WIDTH: f32 = 250.0;
@@ -20,6 +22,7 @@ pub(super) fn show(ui: &mut Ui, controller: &mut Controller) {
             rendering(ui, controller);
             object(ui, controller);
             display(ui, controller);
+            probes(ui, controller);
             files(ui, controller);
             if let Some(picture) = &controller.picture {
                 timings(ui, &picture.stats, picture.ms);
@@ -50,7 +53,7 @@ fn rendering(ui: &mut Ui, controller: &mut Controller) {
     let state = &mut controller.state;
     choice(ui, "quality", &mut state.quality, &Quality::ALL.map(|q| (q, q.name())));
     let mut techniques = vec![(None, "by quality")];
-    techniques.extend(Technique::ALL.map(|t| (Some(t), t.name())));
+    techniques.extend(Method::ALL.map(|method| (Some(method), method.name())));
     choice(ui, "technique", &mut state.technique, &techniques);
     let default = state.quality.settings().microbuffer;
     let mut size = state.microbuffer.unwrap_or(default);
@@ -116,18 +119,45 @@ fn display(ui: &mut Ui, controller: &mut Controller) {
     choice(ui, "points", &mut state.points, Named::NAMES);
 }
 
+fn probes(ui: &mut Ui, controller: &mut Controller) {
+    let Some(probes) = &controller.state.probes else { return };
+    ui.separator();
+    ui.strong("Probes");
+    let text = name(Some(&probes.path));
+    let removed = ui
+        .horizontal(|ui| {
+            ui.label(text);
+            ui.small_button("remove").clicked()
+        })
+        .inner;
+    // Probes that do not change have no frames.
+    if let Some(frame) = controller.picture.as_ref().and_then(|picture| picture.frame) {
+        let playing = controller.state.playing;
+        ui.horizontal(|ui| {
+            if ui.button(if playing { "Pause" } else { "Play" }).clicked() {
+                controller.input(Input::Play(!playing));
+            }
+            ui.label(format!("frame {frame}"));
+        });
+    }
+    if removed {
+        controller.state.probes = None;
+    }
+}
+
+fn name(path: Option<&Path>) -> String {
+    let name = path.and_then(|path| path.file_name());
+    name.map_or("none".to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
 fn files(ui: &mut Ui, controller: &mut Controller) {
     ui.separator();
     ui.strong("Scene");
-    let name = |path: &Option<std::path::PathBuf>| {
-        let name = path.as_ref().and_then(|path| path.file_name());
-        name.map_or("none".to_owned(), |name| name.to_string_lossy().into_owned())
-    };
     let state = &mut controller.state;
-    ui.label(format!("cloud: {}", name(&state.cloud)));
-    ui.label(format!("object: {}", name(&state.object)));
+    ui.label(format!("cloud: {}", name(state.cloud.as_deref())));
+    ui.label(format!("object: {}", name(state.object.as_deref())));
     ui.horizontal(|ui| {
-        ui.label(format!("far field: {}", name(&state.environment)));
+        ui.label(format!("far field: {}", name(state.environment.as_deref())));
         if state.environment.is_some() && ui.small_button("remove").clicked() {
             state.environment = None;
         }
@@ -209,14 +239,20 @@ pub(super) fn overlay(ui: &Ui, area: egui::Rect, controller: &Controller) {
             Stage::Draft => ", draft".to_owned(),
             Stage::Finished => String::new(),
         };
-        let text = format!("{}x{} in {:.0} ms{rate}", picture.width, picture.height, picture.ms);
+        let frame = match picture.frame {
+            Some(frame) if controller.state.playing => format!("frame {frame}, "),
+            _ => String::new(),
+        };
+        let text = format!("{frame}{}x{} in {:.0} ms{rate}", picture.width, picture.height, picture.ms);
         write(area.right_top() + Vec2::new(-8.0, 6.0), Align2::RIGHT_TOP, text);
     } else if controller.loading.is_none() {
-        let text = match (&controller.state.cloud, &controller.state.object) {
-            (None, None) => "Drop a point cloud and an object on the window.",
-            (None, _) => "Drop a point cloud on the window.",
-            (_, None) => "Drop an object on the window.",
-            _ => "",
+        let ViewState { cloud, object, environment, probes, .. } = &controller.state;
+        let lit = cloud.is_some() || environment.is_some() || probes.is_some();
+        let text = match (lit, object.is_some()) {
+            (false, false) => "Drop a point cloud and an object on the window.",
+            (false, true) => "Drop a point cloud or a panorama on the window.",
+            (true, false) => "Drop an object on the window.",
+            (true, true) => "",
         };
         write(area.center(), Align2::CENTER_CENTER, text.to_owned());
     }

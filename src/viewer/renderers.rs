@@ -6,10 +6,12 @@ use std::sync::atomic::AtomicBool;
 use glam::DVec3;
 
 use super::loader::{Assets, Part};
+use super::messages::Stage;
+use super::probe_renderers::{ProbeRenderers, Subject};
 use super::state::ViewState;
-use super::worker::{Stage, technique};
-use crate::frames::{Frame, GpuScene, Paper, Quality, Renderer, Settings, Technique};
+use crate::frames::{Frame, GpuScene, Method, Paper, Quality, Renderer, Settings, Technique};
 use crate::gpu::Context;
+use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, Object, Placement, Vertex};
 use crate::{Error, Result};
 
@@ -21,14 +23,25 @@ const QUICK_PARALLAX: f64 = 2.0;
 /// What a view needs on the device.
 pub(super) struct Renderers {
     context: Arc<Context>,
-    scene: Option<GpuScene>,
+    scene: Option<LitScene>,
     /// By stage.
     slots: [Option<Slot>; 3],
+    /// Those of technique probes.
+    probes: ProbeRenderers,
     /// The simpler object's vertices and the object's own, and for which place.
     placed: [Option<Placed>; 2],
 }
 
 type Placed = (Placement, DVec3, Vec<Vertex>);
+
+/// The scan, and what lies beyond it.
+struct LitScene {
+    scene: GpuScene,
+    /// [`Assets::light`] of the far field.
+    light: u64,
+    /// Size of the far field, texels; none without one.
+    size: Option<[u32; 2]>,
+}
 
 struct Slot {
     renderer: Renderer,
@@ -36,80 +49,131 @@ struct Slot {
     placement: (Placement, DVec3),
 }
 
+/// How a view is to be rendered.
+pub(super) struct Shot<'a> {
+    pub(super) method: Method,
+    pub(super) stage: Stage,
+    /// Width and height, pixels.
+    pub(super) size: [u32; 2],
+    pub(super) camera: &'a Camera,
+    /// Ends the picture early once it is true.
+    pub(super) stop: Option<Arc<AtomicBool>>,
+}
+
 impl Renderers {
     pub(super) fn new(context: Arc<Context>) -> Self {
-        Self { context, scene: None, slots: [None, None, None], placed: [None, None] }
+        let (slots, placed) = ([None, None, None], [None, None]);
+        Self { context, scene: None, slots, probes: ProbeRenderers::default(), placed }
     }
 
     /// Other files are loaded.
     pub(super) fn changed(&mut self, parts: &[Part]) {
-        self.slots = [None, None, None];
-        if parts.contains(&Part::Object) || parts.contains(&Part::Cloud) {
+        let has = |part| parts.contains(&part);
+        if has(Part::Object) || has(Part::Cloud) {
+            self.slots = [None, None, None];
+            self.probes.clear();
             self.placed = [None, None];
         }
-        if parts.contains(&Part::Environment) || parts.contains(&Part::Cloud) {
+        if has(Part::Cloud) {
             self.scene = None;
         }
     }
 
     /// Makes all pipelines again, or keeps all that there are.
     pub(super) fn rebuild(&mut self, assets: &Assets) -> Result<()> {
-        let (Some(scene), Some((_, object)), Some(simple)) = (&self.scene, &assets.object, &assets.simple_object)
-        else {
-            return Ok(());
-        };
+        let (Some((_, object)), Some(simple)) = (&assets.object, &assets.simple_object) else { return Ok(()) };
         let again = |slot: &Option<Slot>, object: &Arc<Object>| -> Result<Option<Slot>> {
-            let Some(Slot { renderer, placement }) = slot else { return Ok(None) };
+            let (Some(Slot { renderer, placement }), Some(lit)) = (slot, &self.scene) else { return Ok(None) };
             let object = Object::clone(object).transformed(placement.0.world_from_object(placement.1));
             let settings = made_for(renderer.settings());
-            let renderer = Renderer::with_scene(&self.context, scene, &object, settings)?;
+            let renderer = Renderer::with_scene(&self.context, &lit.scene, &object, settings)?;
             Ok(Some(Slot { renderer, placement: *placement }))
         };
         let [moving, draft, finished] = &self.slots;
-        self.slots = [again(moving, simple)?, again(draft, object)?, again(finished, object)?];
+        let slots = [again(moving, simple)?, again(draft, object)?, again(finished, object)?];
+        self.probes.rebuild(&self.context, assets)?;
+        self.slots = slots;
         Ok(())
     }
 
     /// Renders a view of loaded files.
-    pub(super) fn render(
+    pub(super) fn render(&mut self, assets: &Assets, state: &ViewState, shot: Shot<'_>) -> Result<Frame> {
+        // Technique probes has one object until its own transfer is made, whether things move or not.
+        let own = match shot.method {
+            Method::Probes => shot.stage == Stage::Finished,
+            Method::Cloud(_) => shot.stage != Stage::Moving,
+        };
+        let Some(object) = assets.object_for(own) else {
+            return Err(Error::Argument("a view needs an object".into()));
+        };
+        let place = (state.placement, assets.origin);
+        let placed = &mut self.placed[usize::from(own)];
+        if !placed.as_ref().is_some_and(|(placement, origin, _)| (*placement, *origin) == place) {
+            let vertices = object.transformed_vertices(place.0.world_from_object(place.1));
+            *placed = Some((place.0, place.1, vertices));
+        }
+        match (shot.method, &assets.cloud) {
+            (Method::Probes, _) => {
+                self.slots = [None, None, None];
+                let vertices = self.placed[usize::from(own)].as_ref().map_or(&[][..], |(_, _, vertices)| vertices);
+                let Some(transfer) = assets.transfers.of(own) else {
+                    return Err(Error::Argument("technique probes needs the object's transfer".into()));
+                };
+                let subject = Subject { object, transfer, vertices, own };
+                self.probes.render(&self.context, assets, state, &subject, (shot.size, shot.camera))
+            }
+            (Method::Cloud(_), Some((_, _, hierarchy))) => {
+                self.probes.clear();
+                let scene = self.scene(assets, hierarchy)?;
+                self.gather(state, &scene, object, place, shot)
+            }
+            (Method::Cloud(_), None) => Err(Error::Argument("a view needs a cloud".into())),
+        }
+    }
+
+    /// The scan in front of the far field of now.
+    fn scene(&mut self, assets: &Assets, hierarchy: &Hierarchy) -> Result<GpuScene> {
+        let far_field = assets.far_field();
+        let size = far_field.map(|far_field| [far_field.width, far_field.height]);
+        let known = self.scene.take().filter(|lit| lit.size == size);
+        let mut lit = match known {
+            Some(lit) => lit,
+            None => {
+                // Memory of the old ones is free before the new one takes its own.
+                self.slots = [None, None, None];
+                let far_field = far_field.map(Arc::as_ref);
+                let scene = GpuScene::new(&self.context, hierarchy, far_field, Paper::NONE)?;
+                LitScene { scene, light: assets.light, size }
+            }
+        };
+        if let Some(far_field) = far_field.filter(|_| lit.light != assets.light) {
+            lit.scene.set_far_field(far_field)?;
+            lit.light = assets.light;
+        }
+        Ok(self.scene.insert(lit).scene.clone())
+    }
+
+    /// A picture by a technique that gathers the scan's light.
+    fn gather(
         &mut self,
-        assets: &Assets,
         state: &ViewState,
-        stage: Stage,
-        [width, height]: [u32; 2],
-        camera: &Camera,
-        stop: Option<Arc<AtomicBool>>,
+        scene: &GpuScene,
+        object: &Object,
+        place: (Placement, DVec3),
+        Shot { stage, size: [width, height], camera, stop, method }: Shot<'_>,
     ) -> Result<Frame> {
         let moving = stage == Stage::Moving;
-        let own = assets.object.as_ref().map(|(_, object)| object);
-        let object = if moving { assets.simple_object.as_ref() } else { own };
-        let (Some(object), Some((_, _, hierarchy))) = (object, &assets.cloud) else {
-            return Err(Error::Argument("a view needs a cloud and an object".into()));
+        let Some((_, _, vertices)) = &self.placed[usize::from(!moving)] else {
+            return Err(Error::Argument("the object has no place".into()));
         };
-        let settings = settings(state, stage, self.context.why_no_feedback().is_none());
-        let far_field = assets.environment.as_ref().map(|(_, far_field)| far_field.as_ref());
-        let place = (state.placement, assets.origin);
-        let vertices = match &mut self.placed[usize::from(!moving)] {
-            Some((placement, origin, vertices)) if (*placement, *origin) == place => vertices,
-            placed => {
-                let vertices = object.transformed_vertices(place.0.world_from_object(place.1));
-                &placed.insert((place.0, place.1, vertices)).2
-            }
-        };
-        let scene = match &self.scene {
-            Some(scene) => scene.clone(),
-            None => {
-                let scene = GpuScene::new(&self.context, hierarchy, far_field, Paper::NONE)?;
-                self.scene.insert(scene).clone()
-            }
-        };
+        let settings = settings(state, stage, method, self.context.why_no_feedback().is_none());
         let slot = &mut self.slots[stage as usize];
         let fits = slot.as_mut().is_some_and(|slot| suits(&mut slot.renderer, &settings));
         if !fits {
             // Memory of the old one is free before the new one takes its own.
             *slot = None;
-            let object = Object { vertices: vertices.clone(), ..object.as_ref().clone() };
-            let renderer = Renderer::with_scene(&self.context, &scene, &object, made_for(&settings))?;
+            let object = Object { vertices: vertices.clone(), ..object.clone() };
+            let renderer = Renderer::with_scene(&self.context, scene, &object, made_for(&settings))?;
             *slot = Some(Slot { renderer, placement: place });
         }
         let Some(slot) = slot else { return Err(Error::Argument("there is no renderer".into())) };
@@ -129,11 +193,11 @@ fn made_for(settings: &Settings) -> Settings {
 }
 
 /// Settings of a picture, but for its size.
-fn settings(state: &ViewState, stage: Stage, feedback: bool) -> Settings {
-    if stage == Stage::Finished {
+fn settings(state: &ViewState, stage: Stage, method: Method, feedback: bool) -> Settings {
+    if let (Stage::Finished, Method::Cloud(technique)) = (stage, method) {
         let quality = state.quality.settings();
         return Settings {
-            technique: technique(state, feedback),
+            technique,
             microbuffer: state.microbuffer.unwrap_or(quality.microbuffer),
             material: state.material,
             ..quality
@@ -168,15 +232,26 @@ mod tests {
     #[test]
     fn moving_pictures_are_drafts_whatever_was_asked_for() {
         let state = ViewState {
-            technique: Some(Technique::Classic),
+            technique: Some(Method::Cloud(Technique::Classic)),
             microbuffer: Some(64),
             material: MaterialChoice::Metal(0.2),
             ..ViewState::default()
         };
-        let moving = settings(&state, Stage::Moving, true);
+        let settings = |stage, feedback| settings(&state, stage, state.method(true, feedback), feedback);
+        let moving = settings(Stage::Moving, true);
         assert_eq!((moving.technique, moving.microbuffer, moving.sharp), (Technique::Shared, QUICK_MICROBUFFER, false));
-        let finished = settings(&state, Stage::Finished, true);
+        let finished = settings(Stage::Finished, true);
         assert_eq!((finished.technique, finished.microbuffer), (Technique::Classic, 64));
-        assert_eq!(settings(&state, Stage::Draft, false).technique, Technique::Classic);
+        assert_eq!(settings(Stage::Draft, false).technique, Technique::Classic);
+    }
+
+    #[test]
+    fn without_a_scan_there_are_only_probes() {
+        let state = |technique| ViewState { technique, ..ViewState::default() };
+        let hybrid = Some(Method::Cloud(Technique::Hybrid));
+        assert_eq!([None, hybrid].map(|t| state(t).method(false, true)), [Method::Probes; 2]);
+        assert_eq!(state(hybrid).method(true, true), Method::Cloud(Technique::Hybrid));
+        assert_eq!(state(hybrid).method(true, false), Method::Cloud(Technique::Classic));
+        assert_eq!(state(Some(Method::Probes)).method(true, false), Method::Probes);
     }
 }

@@ -32,6 +32,10 @@ enum Command {
     DoubleClick([f32; 2]),
     /// `fly w|a|s|d|q|e SECONDS`
     Fly(Flight, Duration),
+    /// `play` and `pause`: light probes.
+    Play(bool),
+    /// `wait-frame N`: until the frame of the light probes that is shown has at least that number.
+    WaitFrame(u64),
     /// `drop FILE`
     Drop(PathBuf),
     /// `resize WxH`
@@ -54,7 +58,7 @@ enum Command {
     Expect { changed: bool },
     /// `expect-status TEXT`
     ExpectStatus(String),
-    /// `rate`: prints how many moving pictures a second there were lately.
+    /// `rate`: prints how many moving pictures a second there were lately, and the frame of the light probes.
     Rate,
     /// `passes`: prints the milliseconds of the picture's passes.
     Passes,
@@ -190,6 +194,10 @@ impl Script {
                 controller.input(Input::Fly(*flight, !over));
                 return Ok(over);
             }
+            Command::Play(on) => controller.input(Input::Play(*on)),
+            Command::WaitFrame(number) => {
+                return Ok(controller.picture.as_ref().is_some_and(|picture| picture.frame >= Some(*number)));
+            }
             Command::Drop(path) => controller.input(Input::Drop(path.clone())),
             Command::Resize(size) => acts.push(Act::Resize(*size)),
             Command::Minimise(down) => acts.push(Act::Minimise(*down)),
@@ -230,7 +238,8 @@ impl Script {
 fn rate(controller: &Controller) -> String {
     let picture = controller.picture.as_ref();
     let (width, height, ms) = picture.map_or((0, 0, 0.0), |p| (p.width, p.height, p.ms));
-    format!("{:.1} pictures a second, the last of {width}x{height} in {ms:.1} ms", controller.rate())
+    let frame = picture.and_then(|p| p.frame).map_or(String::new(), |frame| format!(", frame {frame}"));
+    format!("{:.1} pictures a second, the last of {width}x{height} in {ms:.1} ms{frame}", controller.rate())
 }
 
 fn passes(controller: &Controller) -> String {
@@ -287,6 +296,9 @@ fn parse(line: &str) -> Option<Command> {
             },
             seconds(time)?,
         ),
+        ("play", []) => Command::Play(true),
+        ("pause", []) => Command::Play(false),
+        ("wait-frame", [number]) => Command::WaitFrame(number.parse().ok()?),
         ("drop", _) => Command::Drop(file()?),
         ("resize", [size]) => {
             let (width, height) = size.split_once('x')?;
@@ -339,9 +351,19 @@ mod tests {
         };
         assert_eq!(drag, expected);
         assert_eq!(parse("drop a file.ply"), Some(Command::Drop("a file.ply".into())));
+        assert_eq!(parse("wait-frame 12"), Some(Command::WaitFrame(12)));
         assert_eq!(parse("fly w 0.5"), Some(Command::Fly(Flight::Forward, Duration::from_millis(500))));
-        for wrong in ["drag 1,2 3 10", "drag 1,2 3,4 0", "wheel x", "jump", "resize 10", "wait -1", "drop", "lose all"]
-        {
+        for wrong in [
+            "drag 1,2 3 10",
+            "drag 1,2 3,4 0",
+            "wheel x",
+            "jump",
+            "resize 10",
+            "wait -1",
+            "wait-frame -1",
+            "drop",
+            "lose all",
+        ] {
             assert_eq!(parse(wrong), None, "{wrong}");
         }
     }

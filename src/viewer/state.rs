@@ -7,10 +7,11 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use crate::formats::cloud::Up;
-use crate::formats::scene_file::{self, CameraTable, DisplayTable, PlacementTable, RenderTable, SceneFile};
+use crate::formats::scene_file::{self, CameraTable, DisplayTable, PlacementTable, ProbeTable, RenderTable, SceneFile};
 use crate::formats::tone::ToneCurve;
 use crate::frames::points::PointDisplay;
-use crate::frames::{MaterialChoice, Quality, Settings, Technique};
+use crate::frames::{MaterialChoice, Method, Quality, Settings, Technique};
+use crate::probes::{CrossFade, Late, Mapping, ProbeSequence, SequenceOptions};
 use crate::scene::{Placement, Viewpoint};
 use crate::{Error, Result};
 
@@ -50,6 +51,52 @@ impl Named for Up {
     const NAMES: &'static [(Self, &'static str)] = &[(Self::Y, "y"), (Self::Z, "z"), (Self::MinusY, "-y")];
 }
 
+/// In a sequence without end the cross-fade takes so long, seconds.
+const FADE: f64 = 10.0;
+
+/// Light probes, and how they are played.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbeChoice {
+    /// File, folder or pattern, as [`ProbeSequence::open`] has it.
+    pub path: PathBuf,
+    /// What the probes' pictures show.
+    pub mapping: Mapping,
+    /// Turn of the light about +Y, degrees a second.
+    pub turn: f64,
+    /// Frames a second.
+    pub rate: f64,
+    /// What they fade into.
+    pub cross_fade: Option<PathBuf>,
+    /// What happens to frames for which there was no time.
+    pub late: Late,
+}
+
+impl ProbeChoice {
+    /// Probes as their files have them.
+    pub fn new(path: &Path) -> Self {
+        let SequenceOptions { mapping, turn, rate, .. } = SequenceOptions::default();
+        Self { path: path.to_owned(), mapping, turn, rate, cross_fade: None, late: Late::default() }
+    }
+
+    /// Opens the sequence; a cross-fade takes all frames of one that ends, and ten seconds of one that does not.
+    ///
+    /// # Errors
+    /// Those of [`ProbeSequence::open`].
+    pub fn open(&self) -> Result<ProbeSequence> {
+        let options = |cross_fade| SequenceOptions {
+            mapping: self.mapping,
+            turn: self.turn,
+            rate: self.rate,
+            cross_fade,
+            ..SequenceOptions::default()
+        };
+        let sequence = ProbeSequence::open(&self.path, &options(None))?;
+        let Some(to) = self.cross_fade.clone() else { return Ok(sequence) };
+        let frames = sequence.frames().unwrap_or(0..=(FADE * self.rate).ceil() as u64);
+        ProbeSequence::open(&self.path, &options(Some(CrossFade { to, frames })))
+    }
+}
+
 /// Everything that a picture depends on but its size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewState {
@@ -61,6 +108,10 @@ pub struct ViewState {
     pub object: Option<PathBuf>,
     /// Far field.
     pub environment: Option<PathBuf>,
+    /// Light probes, in the place of a far field.
+    pub probes: Option<ProbeChoice>,
+    /// Whether probes that change are played.
+    pub playing: bool,
     /// Where the object stands.
     pub placement: Placement,
     /// From where it is seen; the object is framed for `None`.
@@ -68,7 +119,7 @@ pub struct ViewState {
     /// Quality of still pictures.
     pub quality: Quality,
     /// Technique of still pictures; by quality for `None`.
-    pub technique: Option<Technique>,
+    pub technique: Option<Method>,
     /// Micro-pixels along a side in still pictures; by quality for `None`.
     pub microbuffer: Option<u32>,
     /// What the object is made of.
@@ -90,6 +141,8 @@ impl Default for ViewState {
             up: Up::Y,
             object: None,
             environment: None,
+            probes: None,
+            playing: true,
             placement: Placement::default(),
             viewpoint: None,
             quality: Quality::default(),
@@ -172,11 +225,21 @@ impl ViewState {
             }
             size => size,
         };
+        let probes = match (probe_choice(&file.probes)?, &file.environment) {
+            (Some(_), Some(_)) => return Err("environment and probes.path exclude each other".into()),
+            (probes, _) => probes,
+        };
+        if let Some(ProbeChoice { turn, rate, .. }) = &probes {
+            within("probes.turn", *turn, -LARGEST, LARGEST)?;
+            within("probes.rate", *rate, 1.0 / LARGEST, LARGEST)?;
+        }
         Ok(Self {
             cloud: file.cloud.clone(),
             up: named("up", file.up.as_deref(), default.up)?,
             object: file.object.clone(),
             environment: file.environment.clone(),
+            probes,
+            playing: file.probes.playing.unwrap_or(default.playing),
             placement: Placement {
                 at: vector("placement.at", placement.at)?,
                 scale: number("placement.scale", placement.scale, 1.0 / LARGEST, LARGEST, 1.0)?,
@@ -204,6 +267,15 @@ impl ViewState {
             up: Some(self.up.name().to_owned()),
             object: self.object.clone(),
             environment: self.environment.clone(),
+            probes: self.probes.as_ref().map_or_else(ProbeTable::default, |probes| ProbeTable {
+                path: Some(probes.path.clone()),
+                mapping: Some(probes.mapping.name().to_owned()),
+                turn: Some(probes.turn),
+                rate: Some(probes.rate),
+                cross_fade: probes.cross_fade.clone(),
+                late: Some(probes.late.name().to_owned()),
+                playing: Some(self.playing),
+            }),
             size: self.size,
             placement: PlacementTable {
                 at: self.placement.at.map(|at| at.to_array()),
@@ -232,9 +304,41 @@ impl ViewState {
 
     /// The same without what only changes how a finished picture is shown.
     pub(super) fn without_display(&self) -> Self {
-        let Self { exposure, tone, size, .. } = Self::default();
-        Self { exposure, tone, size, ..self.clone() }
+        let Self { exposure, tone, size, playing, .. } = Self::default();
+        Self { exposure, tone, size, playing, ..self.clone() }
     }
+
+    /// How still pictures are lit, with a scan or without, on a device that can do all techniques or only classic.
+    pub(super) fn method(&self, scan: bool, feedback: bool) -> Method {
+        match self.technique {
+            _ if !scan => Method::Probes,
+            Some(Method::Probes) => Method::Probes,
+            _ if !feedback => Method::Cloud(Technique::Classic),
+            Some(method) => method,
+            None => Method::Cloud(self.quality.settings().technique),
+        }
+    }
+
+    /// Whether there is an object, and something that lights it.
+    pub fn complete(&self) -> bool {
+        self.object.is_some() && (self.cloud.is_some() || self.environment.is_some() || self.probes.is_some())
+    }
+}
+
+/// The probes of a scene file, but for the range of their numbers.
+fn probe_choice(table: &ProbeTable) -> Result<Option<ProbeChoice>, String> {
+    let Some(path) = &table.path else {
+        return if *table == ProbeTable::default() { Ok(None) } else { Err("probes.path is missing".into()) };
+    };
+    let default = ProbeChoice::new(path);
+    Ok(Some(ProbeChoice {
+        mapping: parsed("probes.mapping", table.mapping.as_deref())?.unwrap_or(default.mapping),
+        turn: table.turn.unwrap_or(default.turn),
+        rate: table.rate.unwrap_or(default.rate),
+        cross_fade: table.cross_fade.clone(),
+        late: parsed("probes.late", table.late.as_deref())?.unwrap_or(default.late),
+        ..default
+    }))
 }
 
 fn pixels(width: u32, height: u32) -> u64 {
@@ -270,7 +374,16 @@ mod tests {
                 up: DVec3::new(0.0, 0.8, 0.6),
             },
             viewpoint: Some(Viewpoint { from: DVec3::new(1.0, 0.2, 1e-7), at: DVec3::ONE * 0.7, fov: 40.0 }),
-            technique: Some(Technique::Hybrid),
+            probes: Some(ProbeChoice {
+                path: "/no/such/probe.##.exr".into(),
+                mapping: Mapping::Angular,
+                turn: -1.0 / 3.0,
+                rate: 23.976,
+                cross_fade: Some("/no/such/night".into()),
+                late: Late::Wait,
+            }),
+            playing: false,
+            technique: Some(Method::Probes),
             microbuffer: Some(12),
             material: MaterialChoice::Metal(0.1),
             exposure: -1.3,
@@ -294,6 +407,11 @@ mod tests {
             ("[camera]\nfrom = [0, 0, 0]\nat = [0, 0, 0]", "same point"),
             ("[render]\nmicrobuffer = 7", "render.microbuffer"),
             ("[render]\ntechnique = \"best\"", "render.technique"),
+            ("[probes]\nturn = 1", "probes.path is missing"),
+            ("[probes]\npath = \"p\"\nrate = 0", "probes.rate"),
+            ("[probes]\npath = \"p\"\nmapping = \"flat\"", "probes.mapping"),
+            ("[probes]\npath = \"p\"\nlate = \"never\"", "probes.late"),
+            ("environment = \"e.exr\"\n[probes]\npath = \"p\"", "exclude each other"),
             ("[display]\ntone = \"nice\"", "there are srgb, filmic"),
             ("size = [0, 9]", "size"),
             ("up = \"down\"", "up"),

@@ -13,6 +13,7 @@ use winit::window::{Window, WindowId};
 
 use super::controller::{Button, Controller, Flight, Input};
 use super::mailbox::Command;
+use super::messages::Stage;
 use super::panel;
 use super::presenter::{Painting, Presenter, Shown};
 use super::script::{Act, Script};
@@ -100,7 +101,7 @@ struct View {
     egui: egui_winit::State,
     texture: Option<egui::TextureHandle>,
     /// The picture that the texture has.
-    textured: Option<(u64, [u32; 2], super::worker::Stage, f64)>,
+    textured: Option<(u64, [u32; 2], Stage, Option<u64>, f64)>,
     window: Arc<Window>,
 }
 
@@ -310,6 +311,7 @@ impl App {
         match code {
             _ if flight.is_some() => flight.into_iter().for_each(|f| self.controller.input(Input::Fly(f, pressed))),
             _ if !pressed || key.repeat => {}
+            KeyCode::Space => self.controller.input(Input::Play(!self.controller.state.playing)),
             KeyCode::F11 => self.controller.input(Input::Capture),
             KeyCode::F12 => self.controller.input(Input::Screenshot),
             KeyCode::KeyS => self.controller.input(Input::Save),
@@ -326,7 +328,7 @@ impl View {
     fn update_texture(&mut self, egui: &egui::Context, controller: &Controller) -> bool {
         let Some(picture) = &controller.picture else { return false };
         let size = [picture.width, picture.height];
-        let now = Some((picture.number, size, picture.stage, picture.ms));
+        let now = Some((picture.number, size, picture.stage, picture.frame, picture.ms));
         if self.textured == now {
             return false;
         }

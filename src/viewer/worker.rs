@@ -6,23 +6,23 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ash::vk;
-use glam::{DVec3, Vec3};
 
 use super::backdrop::{Scan, composed};
 use super::develop::develop;
-use super::loader::{Assets, Part};
+use super::loader::Assets;
 use super::mailbox::{Command, Job, Mailbox, Request};
+use super::messages::{Loaded, Message, Picture, Stage};
 use super::pace::Pace;
-use super::renderers::Renderers;
+use super::player::Player;
+use super::renderers::{Renderers, Shot};
 use super::state::ViewState;
+use super::transfers::News;
 use crate::formats::image;
 use crate::formats::tone::ToneCurve;
 use crate::frames::composite::Composite;
-use crate::frames::{Frame, FrameStats, Technique};
-use crate::gpu::context::ValidationLog;
+use crate::frames::{Frame, Method};
 use crate::gpu::reload::Reload;
 use crate::gpu::{Capture, Context, ContextOptions, shaders};
-use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::Camera;
 use crate::{Error, Result};
 
@@ -34,73 +34,6 @@ const SHADER_CHECK: Duration = Duration::from_millis(300);
 
 /// Writes a frame with its layers to an EXR file: frame, camera, the frame in its backdrop, stops, tone curve.
 pub type WriteFrame = fn(&Path, &Frame, &Camera, &Composite, f32, ToneCurve) -> Result<()>;
-
-/// How good a picture is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// Quick, while things move.
-    Moving,
-    /// Of full resolution and draft quality.
-    Draft,
-    /// As good as was asked for.
-    Finished,
-}
-
-/// A picture and what it took.
-pub struct Picture {
-    /// The request that it answers.
-    pub number: u64,
-    /// How good it is.
-    pub stage: Stage,
-    /// Width, pixels.
-    pub width: u32,
-    /// Height, pixels.
-    pub height: u32,
-    /// Four bytes a pixel, row by row from the top.
-    pub rgba: Vec<u8>,
-    /// World position of the object at every pixel, w 1 where it is seen and 0 elsewhere.
-    pub position: Vec<[f32; 4]>,
-    /// What it took.
-    pub stats: FrameStats,
-    /// Milliseconds from the worker's start on it to its end.
-    pub ms: f64,
-}
-
-/// What the window hears from the worker.
-pub enum Message {
-    /// A device is there: its name, where its validation messages go, and why it has only technique classic.
-    Device(String, Arc<ValidationLog>, Option<String>),
-    /// Loading has come so far, a share of the whole; none goes on for `None`.
-    Loading(Option<(String, f32)>),
-    /// All files of a view are there.
-    Loaded(Box<Loaded>),
-    /// A file could not be loaded; what was there before stays.
-    LoadFailed(Part, String),
-    /// A picture.
-    Picture(Box<Picture>),
-    /// A line about what happened.
-    Status(String),
-    /// Shaders were compiled again: what is wrong with them, if the old ones stay.
-    Shaders(Option<String>),
-    /// A view could not be rendered: its number, and why.
-    RenderFailed(u64, String),
-    /// A screenshot was written, by this name and both endings.
-    Saved(PathBuf),
-    /// Nothing works any more.
-    Fatal(Error),
-}
-
-/// What the window needs to know of the loaded files.
-pub struct Loaded {
-    /// The paths that were asked for.
-    pub state: ViewState,
-    /// What was subtracted from the cloud's coordinates.
-    pub origin: DVec3,
-    /// The scan, for picking.
-    pub hierarchy: Option<Arc<Hierarchy>>,
-    /// Corners of the object's bounds in its own space.
-    pub object_bounds: Option<(Vec3, Vec3)>,
-}
 
 /// The window's end of the thread.
 pub struct Worker {
@@ -204,6 +137,8 @@ struct Still {
     state: ViewState,
     size: [u32; 2],
     stage: Stage,
+    /// [`Assets::light`] that it shows.
+    light: u64,
     frame: Frame,
     camera: Camera,
     /// The frame in its backdrop.
@@ -248,17 +183,8 @@ impl Thread {
 
     fn work(&mut self, work: &mut Work) -> Result<()> {
         loop {
-            let wait = match work.next {
-                Some(_) => Duration::ZERO,
-                None => {
-                    if self.reload.is_some() {
-                        SHADER_CHECK
-                    } else {
-                        Duration::from_secs(3600)
-                    }
-                }
-            };
-            match self.mailbox.next(wait) {
+            let idle = if self.reload.is_some() { SHADER_CHECK } else { Duration::from_secs(3600) };
+            match self.mailbox.next(work.wait().min(idle)) {
                 Job::Quit => return Ok(()),
                 Job::View(request) => work.begin(*request),
                 Job::Command(Command::Screenshot(path)) => {
@@ -282,6 +208,10 @@ impl Thread {
                 Job::Idle => {}
             }
             self.reload(work);
+            self.transfer(work);
+            if work.assets.advance(Instant::now()) {
+                work.next = work.next.or(Some(Stage::Moving));
+            }
             let (Some(stage), Some(request)) = (work.next, work.request.clone()) else { continue };
             match self.step(work, &request, stage) {
                 Ok(()) => self.losses = 0,
@@ -314,6 +244,28 @@ impl Thread {
         (self.send)(Message::Shaders(compiled.err()));
     }
 
+    /// Hears of the object's own transfer, while that is being made.
+    fn transfer(&mut self, work: &mut Work) {
+        let Some(news) = work.assets.transfers.news() else { return };
+        let name = work.request.as_ref().and_then(|request| request.state.object.as_deref()?.file_name());
+        let name = name.unwrap_or_default().to_string_lossy();
+        let share = if let News::Share(share) = news { Some(share) } else { None };
+        (self.send)(Message::Loading(share.map(|share| (format!("the light at each vertex of {name}"), share))));
+        let Some(request) = &work.request else { return };
+        match news {
+            News::Share(_) => {}
+            News::Made(unsaved) => {
+                if let Some(error) = unsaved {
+                    (self.send)(Message::Status(format!("the transfer is not kept: {error}")));
+                }
+                if !request.moving {
+                    work.next = Some(Stage::Finished);
+                }
+            }
+            News::Failed(error) => (self.send)(Message::RenderFailed(request.number, error.to_string())),
+        }
+    }
+
     /// One picture of a request.
     fn step(&mut self, work: &mut Work, request: &Request, stage: Stage) -> Result<()> {
         let start = Instant::now();
@@ -327,17 +279,27 @@ impl Thread {
             return Ok(());
         };
         let camera = viewpoint.camera(work.assets.origin);
+        let now = Instant::now();
+        if let Some(probes) = work.assets.probes_mut() {
+            probes.play(request.state.playing, now)?;
+        }
+        let method = request.state.method(work.assets.cloud.is_some(), work.context.why_no_feedback().is_none());
+        let stage = work.stage(method, stage);
+        if method == Method::Probes && !work.transfer(stage)? {
+            // Once it is there, it is gone on.
+            work.next = None;
+            return Ok(());
+        }
         let size = if stage == Stage::Moving { work.pace.size(request.size) } else { request.size };
         let shown = request.state.without_display();
-        let known = work.last.take().filter(|still| {
-            stage != Stage::Moving && still.state == shown && still.size == size && still.stage == Stage::Finished
-        });
-        let still = match known {
+        let known = work.last.take().filter(|still| still.finished(&shown, size, work.assets.light));
+        let still = match known.filter(|_| stage != Stage::Moving) {
             Some(still) => still,
             None => {
                 let stop = (stage != Stage::Moving).then(|| self.mailbox.stop());
                 let Work { renderers, assets, .. } = work;
-                let render = || renderers.render(assets, &request.state, stage, size, &camera, stop);
+                let shot = Shot { method, stage, size, camera: &camera, stop };
+                let render = || renderers.render(assets, &request.state, shot);
                 let mut frame = match &mut self.capture {
                     Ok(capture) if std::mem::take(&mut work.capture) => {
                         let (frame, file) = capture.frame(render)?;
@@ -349,11 +311,11 @@ impl Thread {
                 let Work { scan, context, assets, .. } = work;
                 let moving = stage == Stage::Moving;
                 let points = scan.render(context, assets, &request.state, size, &camera, moving)?;
-                let picture = composed(assets, &frame, points.as_ref(), &camera);
-                if let Some(points) = &points {
+                let picture = composed(assets, &frame, points, &camera);
+                if let Some(points) = points {
                     frame.stats.profile.add(&points.profile);
                 }
-                Still { state: shown, size, stage, frame, camera, picture }
+                Still { state: shown, size, stage, light: assets.light, frame, camera, picture }
             }
         };
         let Still { frame, picture, .. } = &still;
@@ -364,12 +326,13 @@ impl Thread {
         let position = frame.position.iter().zip(&picture.object).map(seen).collect();
         let ms = start.elapsed().as_secs_f64() * 1e3;
         if stage == Stage::Moving {
-            work.pace.observe(ms);
+            work.pace.observe(ms, work.assets.probes().and_then(Player::playing));
         }
         let stage = still.stage;
         (self.send)(Message::Picture(Box::new(Picture {
             number: request.number,
             stage,
+            frame: work.assets.probes().and_then(Player::number),
             width: frame.width,
             height: frame.height,
             rgba,
@@ -378,8 +341,13 @@ impl Thread {
             ms,
         })));
         work.last = Some(still);
-        work.next = (stage == Stage::Draft).then_some(Stage::Finished);
         self.write_shots(work);
+        work.next = match stage {
+            Stage::Draft => Some(Stage::Finished),
+            // While probes are played, nobody asks for a still picture.
+            Stage::Moving if !request.moving && !work.shots.is_empty() => Some(Stage::Draft),
+            _ => None,
+        };
         Ok(())
     }
 
@@ -391,8 +359,11 @@ impl Thread {
             loading = true;
             send(Message::Loading(Some((what.to_owned(), share))));
         });
+        for line in work.assets.probes_mut().map(Player::problems).unwrap_or_default() {
+            send(Message::Status(line));
+        }
         let Assets { object, cloud, .. } = &work.assets;
-        let complete = object.is_some() && cloud.is_some();
+        let complete = object.is_some() && (cloud.is_some() || work.assets.far_field().is_some());
         match loaded {
             Ok(new) => {
                 if loading {
@@ -406,7 +377,7 @@ impl Thread {
                         object_bounds: work.assets.object_bounds(),
                     })));
                     work.renderers.changed(&new);
-                    work.scan.changed();
+                    work.scan.changed(&new);
                     work.last = None;
                 }
                 Ok(complete)
@@ -446,22 +417,59 @@ impl Work {
             // What is finished already is only shown anew.
             false => {
                 let shown = request.state.without_display();
-                let finished = self.last.as_ref().is_some_and(|still| {
-                    still.stage == Stage::Finished && still.state == shown && still.size == request.size
-                });
+                let last = self.last.as_ref();
+                let finished = last.is_some_and(|still| still.finished(&shown, request.size, self.assets.light));
                 if finished { Stage::Finished } else { Stage::Draft }
             }
         });
         self.request = Some(request);
     }
+
+    /// How long there is nothing to do, if nothing comes in.
+    fn wait(&self) -> Duration {
+        if self.next.is_some() {
+            return Duration::ZERO;
+        }
+        let probes = self.assets.probes().and_then(|probes| probes.wait(Instant::now()));
+        [probes, self.assets.transfers.wait()].into_iter().flatten().min().unwrap_or(Duration::MAX)
+    }
+
+    /// How good the next picture is to be, instead of `stage`.
+    fn stage(&self, method: Method, stage: Stage) -> Stage {
+        let playing = self.assets.probes().is_some_and(|probes| probes.playing().is_some());
+        // What is to be kept is finished, whether it plays or not.
+        let kept = self.capture || !self.shots.is_empty();
+        match stage {
+            Stage::Moving => Stage::Moving,
+            _ if playing && kept => Stage::Finished,
+            _ if playing => Stage::Moving,
+            // Of technique probes, a draft is what there is before the object's own transfer.
+            Stage::Draft if method == Method::Probes && self.assets.transfers.of(true).is_some() => Stage::Finished,
+            stage => stage,
+        }
+    }
+
+    /// Makes sure of the transfer that a picture of technique probes needs; false while it is being made.
+    fn transfer(&mut self, stage: Stage) -> Result<bool> {
+        let Assets { transfers, object, simple_object, .. } = &mut self.assets;
+        match (object, simple_object) {
+            (Some((path, object)), _) if stage == Stage::Finished => {
+                transfers.make(path, object)?;
+                Ok(transfers.of(true).is_some())
+            }
+            (_, Some(simple)) => transfers.quick(simple).map(|_| true),
+            (_, None) => Ok(false),
+        }
+    }
+}
+
+impl Still {
+    /// Whether it is as good as can be for a state without display, a size and a light.
+    fn finished(&self, shown: &ViewState, size: [u32; 2], light: u64) -> bool {
+        self.stage == Stage::Finished && self.state == *shown && self.size == size && self.light == light
+    }
 }
 
 fn is_loss(error: &Error) -> bool {
     matches!(error, Error::Vulkan { result: vk::Result::ERROR_DEVICE_LOST, .. })
-}
-
-/// The technique of still pictures on a device.
-pub(super) fn technique(state: &ViewState, feedback: bool) -> Technique {
-    let wanted = state.technique.unwrap_or(state.quality.settings().technique);
-    if feedback { wanted } else { Technique::Classic }
 }

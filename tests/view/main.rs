@@ -1,123 +1,20 @@
 //! The viewer in a real window, on a display without a screen (Xvfb), driven by scripts and by a synthetic mouse.
 
+#[path = "../common/mod.rs"]
 mod common;
+mod place;
+mod probes;
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 use common::{ball, box_cloud, build};
 use glam::{Vec3, vec3};
-use relume::formats::bsh::{self, BshInfo};
+use place::{Display, Place, refused, said};
 use relume::formats::image::read_rgba_exr;
 use tempfile::TempDir;
-
-/// A display of its own, closed at the end.
-struct Display {
-    server: Child,
-    name: String,
-}
-
-impl Display {
-    /// `None`, with a message, where Xvfb is not installed.
-    fn open() -> Option<Self> {
-        let server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1024x768x24", "-nolisten", "tcp"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn();
-        let mut server = match server {
-            Ok(server) => server,
-            Err(error) => {
-                eprintln!("skipped: Xvfb does not start ({error}); tools/setup installs it");
-                return None;
-            }
-        };
-        let mut number = String::new();
-        let output = server.stdout.take().expect("a pipe");
-        BufReader::new(output).read_line(&mut number).expect("a display number");
-        Some(Self { server, name: format!(":{}", number.trim()) })
-    }
-}
-
-impl Drop for Display {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.server.kill();
-        let _ = self.server.wait();
-    }
-}
-
-/// A folder with a scanned box and a ball.
-struct Place(TempDir);
-
-impl Place {
-    fn new() -> Self {
-        let place = Self(TempDir::new().expect("a folder"));
-        let shade = |p: Vec3, _| vec3(0.3, 0.5, 0.7) * (1.6 + p.x) + if p.y > 0.9 { 2.0 } else { 0.0 };
-        let cloud = box_cloud(vec3(1.5, 1.0, 1.5), 3000, shade);
-        let info = BshInfo { points: cloud.len() as u64, ..BshInfo::default() };
-        bsh::write(&place.path("room.bsh"), &build(&cloud), info).expect("a hierarchy");
-        let mut ply = format!("ply\nformat ascii 1.0\nelement vertex {}\n", cloud.len());
-        for name in ["x", "y", "z", "red", "green", "blue"] {
-            writeln!(ply, "property float {name}").expect("text");
-        }
-        ply += "end_header\n";
-        for (p, c) in cloud.positions.iter().zip(&cloud.colors) {
-            writeln!(ply, "{} {} {} {} {} {}", p.x, p.y, p.z, c.z, c.y, c.x).expect("text");
-        }
-        std::fs::write(place.path("other.ply"), ply).expect("a cloud");
-        for (name, radius) in [("ball.obj", 0.25), ("small.obj", 0.12)] {
-            let object = ball(radius);
-            let mut text = String::new();
-            for vertex in &object.vertices {
-                let Vec3 { x, y, z } = vertex.position;
-                writeln!(text, "v {x} {y} {z}").expect("text");
-            }
-            for t in object.indices.chunks_exact(3) {
-                writeln!(text, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).expect("text");
-            }
-            std::fs::write(place.path(name), text).expect("an object");
-        }
-        place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn command(&self, display: &str, arguments: &[&str], script: &str) -> Command {
-        std::fs::write(self.path("script"), script).expect("a script");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_relume"));
-        command.current_dir(self.0.path()).env("DISPLAY", display).env_remove("WAYLAND_DISPLAY");
-        command.arg("view").args(arguments).args(["--script", "script"]);
-        command
-    }
-
-    /// Plays a script in a window with room and ball; it must end well.
-    fn plays(&self, display: &Display, arguments: &[&str], script: &str) -> String {
-        let scene = ["--cloud", "room.bsh", "--object", "ball.obj", "--size", "160x120"];
-        let output = self.command(&display.name, &[&scene, arguments].concat(), script).output().expect("relume runs");
-        said(&output)
-    }
-}
-
-fn said(output: &Output) -> String {
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    assert!(output.status.success(), "{}\n{}", text(&output.stderr), text(&output.stdout));
-    text(&output.stdout)
-}
-
-/// One line that holds all of `parts`, and exit code 2.
-fn refused(output: &Output, parts: &[&str]) {
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{message}");
-    assert_eq!(message.trim_end().lines().count(), 1, "{message}");
-    for part in parts {
-        assert!(message.contains(part), "{part} in {message}");
-    }
-}
 
 #[test]
 fn every_way_to_move_changes_the_picture() {
@@ -236,7 +133,7 @@ fn a_saved_scene_renders_as_it_was_seen() {
     let again = "wait-still\nscreenshot again\nquit\n";
     said(&place.command(&display.name, &["--scene", "s.toml"], again).output().expect("relume runs"));
     let render = Command::new(env!("CARGO_BIN_EXE_relume"))
-        .current_dir(place.0.path())
+        .current_dir(place.folder())
         .args(["render", "--scene", "s.toml", "--out", "rendered.exr"])
         .output()
         .expect("relume runs");
@@ -268,8 +165,12 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     refused(&run("", &["--scene", "no.toml"], "quit"), &["no.toml", "line 1"]);
     refused(&run("", &["--frames", "0"], "quit"), &["--frames"]);
     refused(&run("", &[], "wait-still\ndance\n"), &["script", "line 2", "dance"]);
+    refused(&run("", &["--probes", "none.exr"], "quit"), &["none.exr"]);
+    refused(&run("", &["--probes", "a.exr", "--environment", "b.exr"], "quit"), &["--environment", "--probes"]);
+    refused(&run("", &["--turn", "-9"], "quit"), &["--turn", "--probes"]);
+    refused(&run("", &["--late", "wait"], "quit"), &["--probes"]);
     let render = Command::new(env!("CARGO_BIN_EXE_relume"))
-        .current_dir(place.0.path())
+        .current_dir(place.folder())
         .args(["render", "--scene", "unknown.toml", "--out", "x.png"])
         .output()
         .expect("relume runs");
