@@ -8,6 +8,8 @@ use relume::gpu::shaders;
 use relume::passes::bin::Counts;
 use relume::passes::gbuffer::Draw;
 use relume::passes::points::PointView;
+use relume::passes::probe_light::ProbeConstants;
+use relume::passes::probe_object::{ShadeConstants, TransferConstants};
 use relume::passes::rasterise::RasterCounts;
 use relume::passes::traverse::PAIR_BYTES;
 use relume::passes::{Gather, ImageRegion, Traversal};
@@ -37,7 +39,7 @@ macro_rules! members {
     }};
 }
 
-fn push_constants() -> [Struct; 5] {
+fn push_constants() -> [Struct; 8] {
     [
         members!(Traversal {
             pixels as "pixels",
@@ -97,6 +99,26 @@ fn push_constants() -> [Struct; 5] {
             display as "display",
             levels as "levels",
         }),
+        members!(ProbeConstants {
+            width as "width",
+            height as "height",
+            first as "first",
+            target_width as "target_width",
+            target_height as "target_height",
+            target_first as "target_first",
+            rows as "rows",
+            groups as "groups",
+            keep as "keep",
+        }),
+        members!(TransferConstants { vertices as "vertices", invocations as "invocations" }),
+        members!(ShadeConstants {
+            eye as "eye",
+            width as "width",
+            height as "height",
+            material_parameter as "material_parameter",
+            sharp_alpha as "sharp_alpha",
+            mirror as "mirror",
+        }),
     ]
 }
 
@@ -127,7 +149,7 @@ fn reflections() -> Vec<(&'static str, Reflection)> {
 #[test]
 fn push_constants_lie_alike_on_both_sides() {
     let structs = push_constants();
-    let mut seen = [0; 5];
+    let mut seen = [0; 8];
     for (shader, reflection) in reflections() {
         let block = &reflection.push_constants;
         if block.is_empty() {
@@ -237,11 +259,12 @@ fn data_flows_downwards_only() {
     ];
     // Scenes, files, preprocessing and the reference renderer know nothing of the device, so that they can be tested,
     // and trusted, without one. The device layer knows nothing of what it draws.
-    let folders: [(&str, &[&str]); 8] = [
+    let folders: [(&str, &[&str]); 9] = [
         ("scene", &above),
         ("formats", &above),
         ("preprocess", &above),
         ("reference", &above),
+        ("probes", &above),
         (
             "gpu",
             &["crate::passes", "crate::frames", "crate::scene", "crate::preprocess", "crate::cli", "crate::viewer"],

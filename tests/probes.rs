@@ -9,13 +9,14 @@ use common::{Device, Random, ball};
 use glam::{Affine3A, DMat3, DVec3, Quat, Vec3, vec3};
 use rayon::prelude::*;
 use relume::formats::image::read_far_field;
-use relume::frames::MaterialChoice;
 use relume::frames::probes::{ProbeRenderer, ProbeSettings, Projection, Reflection};
+use relume::frames::{Frame, MaterialChoice};
 use relume::gpu::Profile;
 use relume::passes::probe_light::ProbeLight;
+use relume::preprocess::transfer::Transfer;
 use relume::reference::harmonics::{direction, irradiance, project, solid_angle};
 use relume::scene::harmonics::{COSINE_LOBE, MOST_COEFFICIENTS, band, basis, hanning, rotation};
-use relume::scene::{Camera, FarField};
+use relume::scene::{Camera, FarField, Material, Object, Primitive, Vertex};
 
 /// The size of the probes of Hajisharif 2012, Table 2.
 const PAPER: [u32; 2] = [1628, 814];
@@ -213,7 +214,7 @@ fn levels_of_the_pyramid_keep_lamps_and_constants() {
 }
 
 /// A ball of radius 1 without a transfer, framed.
-fn ball_frame(device: &Device, probe: &FarField, settings: ProbeSettings) -> relume::frames::Frame {
+fn ball_frame(device: &Device, probe: &FarField, settings: ProbeSettings) -> Frame {
     let object = ball(1.0);
     let mut renderer = ProbeRenderer::new(&device.0, &object, Affine3A::IDENTITY, None, settings).expect("a renderer");
     renderer.light(probe, &mut Profile::default()).expect("light");
@@ -317,6 +318,82 @@ fn a_renderer_without_a_probe_says_so() {
     }
 }
 
+/// A triangle that fills the picture, its normals towards +Z.
+fn triangle() -> Object {
+    let vertex = |x: f32, y: f32| Vertex { position: vec3(x, y, 0.0), normal: Vec3::Z, ..Vertex::default() };
+    Object {
+        vertices: vec![vertex(-9.0, -9.0), vertex(9.0, -9.0), vertex(0.0, 18.0)],
+        indices: vec![0, 1, 2],
+        primitives: vec![Primitive { indices: 0..3, material: 0 }],
+        materials: vec![Material::default()],
+        ..Object::default()
+    }
+}
+
+#[test]
+fn pixels_have_the_product_of_light_and_transfer() {
+    let device = Device::new();
+    let probe = surround([128, 64]);
+    let light = project(&probe);
+    let mut random = Random(5);
+    for bands in 1..=5 {
+        for channels in [1, 3] {
+            // All three vertices have the same: there is nothing to interpolate.
+            let count = bands * bands * channels;
+            let mut own: Vec<f32> = (0..count).map(|_| random.next() - 0.5).collect();
+            // Enough of the mean for positive light.
+            (0..channels).for_each(|c| own[c * bands * bands] = 6.0);
+            let transfer = Transfer {
+                order: bands,
+                samples: 1,
+                bounces: 0,
+                visibility: true,
+                channels,
+                vertices: 3,
+                coefficients: own.repeat(3),
+            };
+            let settings =
+                ProbeSettings { material: MaterialChoice::Diffuse(0.8), projection: order(bands), ..small() };
+            let renderer = ProbeRenderer::new(&device.0, &triangle(), Affine3A::IDENTITY, Some(&transfer), settings);
+            let mut renderer = renderer.expect("a renderer");
+            renderer.light(&probe, &mut Profile::default()).expect("light");
+            let camera = |z: f32| Camera { from: vec3(0.0, 0.0, z), at: Vec3::ZERO, fov_y: 0.5 };
+            let frame = renderer.render(&camera(4.0)).expect("a frame");
+            for channel in 0..3 {
+                let part = &own[channel.min(channels - 1) * bands * bands..][..bands * bands];
+                let product: f64 = part.iter().zip(&light).map(|(t, l)| f64::from(*t) * l[channel]).sum();
+                let expected = product.max(0.0) * 0.8 / PI;
+                for pixel in &frame.rgba {
+                    let off = f64::from(pixel[channel]) - expected;
+                    assert!(
+                        off.abs() < 2e-4 * expected,
+                        "order {bands}, {channels} channels: {pixel:?}, not {expected}"
+                    );
+                }
+            }
+            // From behind, the transfer is not that of the side that is seen.
+            let behind = renderer.render(&camera(-4.0)).expect("a frame");
+            let open: f64 =
+                (0..bands * bands).map(|k| COSINE_LOBE[band(k)] * basis(DVec3::NEG_Z)[k] * light[k].y).sum();
+            let expected = open.max(0.0) * 0.8 / PI;
+            assert!((f64::from(behind.rgba[0][1]) - expected).abs() < 1e-3 * expected.max(0.1), "{:?}", behind.rgba[0]);
+        }
+    }
+}
+
+#[test]
+fn a_transfer_of_something_else_is_refused() {
+    let device = Device::new();
+    let object = ball(1.0);
+    for (transfer, expected) in
+        [(exact_transfer(&triangle(), 4), "3 vertices for an object"), (exact_transfer(&object, 3), "of order 3")]
+    {
+        let made = ProbeRenderer::new(&device.0, &object, Affine3A::IDENTITY, Some(&transfer), small());
+        let error = made.err().expect("refused").to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 fn shared(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from);
     if folder.is_none() {
@@ -375,10 +452,10 @@ fn a_turned_object_is_lit_like_its_vertices_turned() {
     // Without a transfer the axes do not matter, with one they are made good for.
     let turn = Affine3A::from_quat(Quat::from_axis_angle(vec3(0.6, 0.0, 0.8), 1.2));
     let settings = ProbeSettings { material: MaterialChoice::Diffuse(0.5), ..small() };
-    let object = relume_object();
+    let object = ball(1.0);
     let transfer = exact_transfer(&object, 4);
     let turned = object.clone().transformed(turn);
-    let frame = |transfer: Option<&relume::preprocess::transfer::Transfer>| {
+    let frame = |transfer: Option<&Transfer>| {
         let mut renderer = ProbeRenderer::new(&device.0, &turned, turn, transfer, settings).expect("a renderer");
         renderer.light(&probe, &mut Profile::default()).expect("light");
         renderer.render(&Camera::framing(Vec3::ZERO, 1.0)).expect("a frame")
@@ -390,17 +467,13 @@ fn a_turned_object_is_lit_like_its_vertices_turned() {
     }
 }
 
-fn relume_object() -> relume::scene::Object {
-    ball(1.0)
-}
-
 /// What a convex object's transfer is.
-fn exact_transfer(object: &relume::scene::Object, order: usize) -> relume::preprocess::transfer::Transfer {
-    let coefficients = |vertex: &relume::scene::Vertex| {
+fn exact_transfer(object: &Object, order: usize) -> Transfer {
+    let coefficients = |vertex: &Vertex| {
         let values = basis(vertex.normal.as_dvec3());
         (0..order * order).map(move |k| (COSINE_LOBE[band(k)] * values[k]) as f32).collect::<Vec<_>>()
     };
-    relume::preprocess::transfer::Transfer {
+    Transfer {
         order,
         samples: 0,
         bounces: 0,

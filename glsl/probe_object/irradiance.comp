@@ -8,6 +8,7 @@
 
 const uint GROUP = 64u;
 const uint COUNT = ORDER * ORDER;
+const uint VERTICES = 4u;
 const uint TEXELS = (COUNT + 3u) / 4u; // of a channel of a vertex, the last one filled up with zeros
 layout(local_size_x = GROUP) in;
 
@@ -28,21 +29,32 @@ void main() {
         light[own] = sum;
     }
     barrier();
-    uint vertex = gl_GlobalInvocationID.x;
-    if (vertex >= transfer.vertices) return;
-    vec3 irradiance = vec3(0.0);
-    float visible = 0.0;
-    for (uint channel = 0u; channel < CHANNELS; ++channel) {
-        vec3 sum = vec3(0.0);
-        for (uint k = 0u; k < TEXELS; ++k) {
-            vec4 part = texelFetch(transfer_texels, int((vertex * CHANNELS + channel) * TEXELS + k));
-            sum += part.x * light[4u * k] + part.y * light[4u * k + 1u] + part.z * light[4u * k + 2u]
-                 + part.w * light[4u * k + 3u];
-            // What a white surround of radiance 1 gives, as a share of pi.
-            if (k == 0u) visible += part.x * 1.128379167 / float(CHANNELS);
-        }
-        if (CHANNELS == 1u) irradiance = sum;
-        else irradiance[channel] = sum[channel];
+    // A few vertices each, so that what is read of the light serves all of them.
+    uint first = gl_GlobalInvocationID.x;
+    vec3 irradiance[VERTICES];
+    float visible[VERTICES];
+    for (uint v = 0u; v < VERTICES; ++v) {
+        irradiance[v] = vec3(0.0);
+        visible[v] = 0.0;
     }
-    imageStore(vertex_irradiance_out, int(vertex), vec4(irradiance, visible));
+    for (uint channel = 0u; channel < CHANNELS; ++channel) {
+        vec3 picks = CHANNELS == 1u ? vec3(1.0) : vec3(channel == 0u, channel == 1u, channel == 2u);
+        for (uint k = 0u; k < TEXELS; ++k) {
+            vec3 a = light[4u * k] * picks, b = light[4u * k + 1u] * picks;
+            vec3 c = light[4u * k + 2u] * picks, d = light[4u * k + 3u] * picks;
+            for (uint v = 0u; v < VERTICES; ++v) {
+                uint vertex = min(first + v * transfer.invocations, transfer.vertices - 1u);
+                vec4 part = texelFetch(transfer_texels, int((vertex * CHANNELS + channel) * TEXELS + k));
+                irradiance[v] += part.x * a + part.y * b + part.z * c + part.w * d;
+                // What a white surround of radiance 1 gives, as a share of pi.
+                if (k == 0u) visible[v] += part.x * (1.128379167 / float(CHANNELS));
+            }
+        }
+    }
+    for (uint v = 0u; v < VERTICES; ++v) {
+        uint vertex = first + v * transfer.invocations;
+        if (first < transfer.invocations && vertex < transfer.vertices) {
+            imageStore(vertex_irradiance_out, int(vertex), vec4(irradiance[v], visible[v]));
+        }
+    }
 }

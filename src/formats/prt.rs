@@ -129,7 +129,8 @@ fn fits(transfer: &Transfer, object: &Object, options: &TransferOptions) -> bool
 /// complete.
 ///
 /// # Errors
-/// [`Error::File`] when `path` cannot be written, or when the transfer is not sound: such a file could not be read again.
+/// [`Error::File`] when `path` cannot be written, or when the transfer is not sound: such a file could not be read
+/// again.
 pub fn write(path: &Path, transfer: &Transfer, key: u64) -> Result<()> {
     check_sound(transfer).map_err(|problem| Error::file(path, format!("would hold a broken transfer: {problem}")))?;
     let header = Header {
@@ -297,7 +298,7 @@ fn bits(vector: glam::Vec3) -> [u32; 3] {
     vector.to_array().map(f32::to_bits)
 }
 
-/// A chain of SplitMix64's finaliser (Steele et al. 2014). No CRC: two of them with other starts would collide together.
+/// A chain of SplitMix64's finaliser (Steele et al. 2014). No CRC: two with other starts would collide together.
 #[derive(Default)]
 struct Hash {
     state: u64,
@@ -315,5 +316,98 @@ impl Hash {
     fn put_all(&mut self, length: usize, words: impl Iterator<Item = u32>) {
         self.put(length as u64);
         words.for_each(|word| self.put(u64::from(word)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+
+    use super::*;
+    use tempfile::TempDir;
+
+    const KEY: u64 = 0x0123_4567_89ab_cdef;
+
+    fn some_transfer() -> Transfer {
+        let coefficients = (0..5 * 3 * 4).map(|n| n as f32 * 0.25 - 3.0).collect();
+        Transfer { order: 2, samples: 102, bounces: 1, visibility: true, channels: 3, vertices: 5, coefficients }
+    }
+
+    /// A saved transfer: where, and its bytes.
+    fn saved() -> (TempDir, PathBuf, Vec<u8>) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("vase.prt");
+        write(&path, &some_transfer(), KEY).expect("the folder is writable");
+        let bytes = fs::read(&path).expect("it was written");
+        (folder, path, bytes)
+    }
+
+    fn message(path: &Path, bytes: &[u8]) -> String {
+        fs::write(path, bytes).expect("the folder is writable");
+        let message = read(path).expect_err("the file is broken").to_string();
+        assert!(message.starts_with(&path.display().to_string()) && !message.contains('\n'), "{message}");
+        message
+    }
+
+    /// What is said of the file with other bytes in one place and a checksum that is right for them.
+    fn refusal<const N: usize>(path: &Path, bytes: &[u8], at: usize, value: [u8; N]) -> String {
+        let mut bytes = bytes.to_vec();
+        bytes[at..at + N].copy_from_slice(&value);
+        let end = bytes.len() - CHECKSUM_BYTES as usize;
+        let checksum = crc32fast::hash(&bytes[..end]);
+        bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+        message(path, &bytes)
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_written() {
+        let (_folder, path, bytes) = saved();
+        assert_eq!(read(&path).expect("it is sound"), (some_transfer(), KEY));
+        assert_eq!(bytes.len(), 56 + 4 * 60 + 4);
+        assert_eq!(bytes[..20], *b"RELUMEPRT\0\0\0\x01\0\0\0\x02\0\0\0");
+    }
+
+    #[test]
+    fn a_flipped_bit_and_any_other_length_are_noticed() {
+        let (_folder, path, bytes) = saved();
+        for at in 0..bytes.len() {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1 << (at % 8);
+            message(&path, &flipped);
+            let expected = if at < 56 { "does not begin with RELUMEPRT" } else { "bytes long and should be" };
+            assert!(message(&path, &bytes[..at]).contains(expected));
+        }
+        assert!(message(&path, &[&bytes[..], &[0]].concat()).contains("bytes long and should be"));
+        let mut flipped = bytes;
+        flipped[99] ^= 1;
+        assert!(message(&path, &flipped).contains("checksum"));
+    }
+
+    #[test]
+    fn headers_and_values_that_make_no_sense_are_refused() {
+        let (_folder, path, bytes) = saved();
+        assert!(refusal(&path, &bytes, 0, *b"PLY").contains("does not begin with RELUMEPRT"));
+        assert!(refusal(&path, &bytes, 12, 7_u32.to_le_bytes()).contains("version 7"));
+        for order in [0, 6, u32::MAX] {
+            assert!(refusal(&path, &bytes, 16, order.to_le_bytes()).contains("claims order"));
+        }
+        assert!(refusal(&path, &bytes, 24, 0_u32.to_le_bytes()).contains("3 channels for 0 bounces"));
+        assert!(refusal(&path, &bytes, 28, 0_u32.to_le_bytes()).contains("visibility false"));
+        assert!(refusal(&path, &bytes, 28, 2_u32.to_le_bytes()).contains("visibility 2"));
+        assert!(refusal(&path, &bytes, 32, 2_u32.to_le_bytes()).contains("2 channels"));
+        assert!(refusal(&path, &bytes, 40, (1_u64 << 40).to_le_bytes()).contains("bytes long and should be"));
+        assert!(refusal(&path, &bytes, 40, u64::MAX.to_le_bytes()).contains("which no file can hold"));
+        assert!(refusal(&path, &bytes, 60, f32::NAN.to_le_bytes()).contains("coefficient 1 is not finite"));
+    }
+
+    #[test]
+    fn a_broken_transfer_is_not_written_and_an_older_file_stays() {
+        let (folder, path, bytes) = saved();
+        let broken = Transfer { vertices: 6, ..some_transfer() };
+        let message = write(&path, &broken, KEY).expect_err("it is broken").to_string();
+        assert!(message.contains("60 coefficients for 6 vertices"), "{message}");
+        assert_eq!(fs::read(&path).expect("it is still there"), bytes);
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
     }
 }

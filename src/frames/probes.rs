@@ -171,6 +171,11 @@ impl ProbeRenderer {
         self.light.coefficients()
     }
 
+    /// Width and height of what was projected; none before the first probe.
+    pub fn projected_size(&self) -> Option<[u32; 2]> {
+        self.light.projected_size()
+    }
+
     /// Renders a frame.
     ///
     /// # Errors

@@ -25,7 +25,12 @@ use crate::{Error, Result};
 pub struct TransferConstants {
     /// Vertices of the object.
     pub vertices: u32,
+    /// Invocations; each does its own vertex and those that lie so many, and multiples of it, behind it.
+    pub invocations: u32,
 }
+
+/// Vertices of an invocation (`irradiance.comp`).
+const VERTICES: u32 = 4;
 
 /// Push constants of the reflection (`glsl/shared/probe_shade.glsl`).
 #[repr(C)]
@@ -51,7 +56,8 @@ pub struct ShadeConstants {
 pub enum Reflection {
     /// Nothing: Lambert alone.
     None,
-    /// What its material says, a GGX lobe from so many samples of the pyramid.
+    /// What its material says, a GGX lobe; from so many samples of the pyramid where it is narrow. With 32 and more wide
+    /// lobes are finer too.
     Lobes(u32),
     /// The probe as in a perfect mirror, with this reflectivity whatever the material (Eq. 15).
     Mirror(f32),
@@ -59,7 +65,7 @@ pub enum Reflection {
 
 impl Default for Reflection {
     fn default() -> Self {
-        Self::Lobes(32)
+        Self::Lobes(64)
     }
 }
 
@@ -67,7 +73,7 @@ impl fmt::Display for Reflection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::None => f.write_str("none"),
-            Self::Lobes(_) => f.write_str("lobes"),
+            Self::Lobes(samples) => write!(f, "lobes:{samples}"),
             Self::Mirror(share) => write!(f, "mirror:{share}"),
         }
     }
@@ -77,10 +83,17 @@ impl FromStr for Reflection {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("{text:?} is no reflection; there are none, lobes, and mirror:SHARE with 0 to 1");
+        let wrong = || {
+            format!(
+                "{text:?} is no reflection; there are none, lobes, lobes:SAMPLES with 1 to 4096, and mirror:SHARE with 0 to 1"
+            )
+        };
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),
             None if text == "lobes" => Ok(Self::default()),
+            Some(("lobes", samples)) => {
+                samples.parse().ok().filter(|n| (1..=4096).contains(n)).map(Self::Lobes).ok_or_else(wrong)
+            }
             Some(("mirror", share)) => {
                 let share = share.parse().ok().filter(|share| (0.0..=1.0).contains(share));
                 share.map(Self::Mirror).ok_or_else(wrong)
@@ -198,9 +211,10 @@ impl ProbeObject {
     /// When the object has more vertices than a dispatch has invocations.
     pub fn record_light(&self, recorder: &mut Recorder) -> Result<()> {
         let Some(transfer) = &self.transfer else { return Ok(()) };
-        let constants = TransferConstants { vertices: transfer.vertices };
+        let invocations = transfer.vertices.div_ceil(VERTICES);
+        let constants = TransferConstants { vertices: transfer.vertices, invocations };
         recorder.pass("vertex irradiance", |_, commands| {
-            transfer.pipeline.dispatch(commands, &transfer.set, &constants, transfer.vertices)
+            transfer.pipeline.dispatch(commands, &transfer.set, &constants, invocations)
         })?;
         recorder.count("vertices", u64::from(transfer.vertices));
         recorder.barrier(&[Use::ComputeWrite], &[Use::VertexRead]);
@@ -310,7 +324,7 @@ mod tests {
         for reflection in [Reflection::None, Reflection::default(), Reflection::Mirror(0.25)] {
             assert_eq!(reflection.to_string().parse(), Ok(reflection));
         }
-        for wrong in ["", "mirror", "mirror:2", "mirror:nan", "lobes:3"] {
+        for wrong in ["", "mirror", "mirror:2", "mirror:nan", "lobes:0"] {
             assert!(wrong.parse::<Reflection>().is_err(), "{wrong}");
         }
     }

@@ -95,7 +95,7 @@ struct StreamRow {
 }
 
 /// What the object takes of a frame.
-#[derive(Serialize)]
+#[derive(Clone, Serialize)]
 struct ObjectRow {
     material: String,
     vertices: usize,
@@ -122,9 +122,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let context = Context::new(&ContextOptions { device: args.device.clone(), validation: false })?;
     say!("{}", context.capabilities.name)?;
     let projections = projections(&context)?;
-    let (transfers, object, transfer) = transfers(args)?;
-    let objects = objects(&context, &object, &transfer)?;
-    let stream = stream(&context, args, &object, &transfer)?;
+    let (transfers, lit) = transfers(args)?;
+    let objects =
+        lit.iter().map(|(object, transfer)| objects(&context, object, transfer)).collect::<Result<Vec<_>>>()?;
+    let objects = objects.concat();
+    print_objects(&objects)?;
+    let (object, transfer) = &lit[0];
+    let stream = stream(&context, args, object, transfer)?;
     let Some(path) = &args.json else { return Ok(()) };
     let device = &context.capabilities.name;
     render::write_json(path, &Report { device, projections, transfers, stream, objects })
@@ -200,7 +204,8 @@ fn projections(context: &Arc<Context>) -> Result<Vec<ProjectionRow>> {
     Ok(rows)
 }
 
-fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Object, Transfer)> {
+/// Objects and their transfers, the smallest first, and what making them took.
+fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Vec<(Object, Transfer)>)> {
     // The bunny's and the dragon's numbers of vertices in the paper, and its times.
     let small = ("bumpy ball".to_owned(), shapes::bumpy_ball((118, 60), (13, 13)), Some(430.2));
     let large = ("bumpy ball".to_owned(), shapes::bumpy_ball((333, 163), (10, 15)), Some(22_560.0));
@@ -212,7 +217,7 @@ fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Object, Transfer)> {
         list.push((path.display().to_string(), crate::formats::object::load(path)?, None));
     }
     let mut rows = Vec::new();
-    let mut last = None;
+    let mut lit = Vec::new();
     for (name, object, paper_s) in list {
         let bar = progress::bar("transfer", 1000);
         let options = TransferOptions { order: ORDER, ..TransferOptions::default() };
@@ -231,7 +236,7 @@ fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Object, Transfer)> {
             with_visibility_s,
             paper_s,
         });
-        last = Some((object, found));
+        lit.push((object, found));
     }
     say!("\nTransfer, seconds\n")?;
     say!(
@@ -254,8 +259,7 @@ fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Object, Transfer)> {
             row.paper_s.map_or(String::new(), |s| format!("{s:.0}"))
         )?;
     }
-    let (object, transfer) = last.ok_or_else(|| Error::Argument("no transfer was computed".into()))?;
-    Ok((rows, object, transfer))
+    Ok((rows, lit))
 }
 
 fn renderer(
@@ -290,6 +294,10 @@ fn objects(context: &Arc<Context>, object: &Object, transfer: &Transfer) -> Resu
         let (material, vertices) = (material.to_string(), object.vertices.len());
         rows.push(ObjectRow { material, vertices, vertex_irradiance_ms, gbuffer_ms, shade_ms, frame_ms });
     }
+    Ok(rows)
+}
+
+fn print_objects(rows: &[ObjectRow]) -> Result<()> {
     let [width, height] = PICTURE;
     say!("\nThe object in a frame of {width}x{height}, ms\n")?;
     say!(
@@ -301,7 +309,7 @@ fn objects(context: &Arc<Context>, object: &Object, transfer: &Transfer) -> Resu
         "shade",
         "frame"
     )?;
-    for row in &rows {
+    for row in rows {
         say!(
             "{:>12}  {:>8}  {:>17.2}  {:>8.2}  {:>6.2}  {:>6.1}",
             row.material,
@@ -312,7 +320,7 @@ fn objects(context: &Arc<Context>, object: &Object, transfer: &Transfer) -> Resu
             row.frame_ms
         )?;
     }
-    Ok(rows)
+    Ok(())
 }
 
 /// A folder of frames that goes with this.

@@ -9,7 +9,7 @@ use image::RgbaImage;
 use crate::cli::output::say;
 use crate::cli::{progress, values};
 use crate::compare::{Tile, contact_sheet};
-use crate::formats::image::{read_far_field, write_png};
+use crate::formats::image::{ExrLayers, read_far_field, write_exr, write_png};
 use crate::formats::tone::ToneCurve;
 use crate::formats::{object, whole};
 use crate::frames::composite::{Backdrop, compose};
@@ -48,8 +48,10 @@ pub(in crate::cli) struct Args {
 
 /// Directions of Figure 8.
 const DIRECTIONS: [u32; 3] = [100, 900, 2500];
-/// Widths of Table 2, of which Figure 4 shows some.
-const WIDTHS: [u32; 6] = [1628, 814, 407, 203, 101, 50];
+/// Sizes of Figure 4, each half of the one before.
+const SIZES: usize = 6;
+/// Size of the probe that is made in code: that of the paper's largest.
+const PROBE: [u32; 2] = [1628, 814];
 /// Frames a second of the turning light.
 const RATE: u16 = 12;
 
@@ -58,6 +60,7 @@ struct Scene {
     context: Arc<Context>,
     object: Object,
     probe: FarField,
+    probe_path: PathBuf,
     camera: Camera,
     settings: ProbeSettings,
     exposure: f32,
@@ -88,16 +91,22 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let sheet = [one(few)?, one(some)?, one(full)?];
     scene.sheet("directions.png", "Hajisharif 2012, Figure 8", 3, &sheet)?;
 
-    let sheet = WIDTHS
-        .iter()
+    let mut first = None;
+    let widths = (0..SIZES).map(|halvings| scene.probe.width >> halvings).filter(|width| *width >= 2);
+    let sheet = widths
         .map(|width| {
-            let projection = Projection { width: Some(*width), ..projection };
-            let caption = format!("{} coefficients", projection.order * projection.order);
-            tile(&format!("projected from {width}"), caption, Some(full), projection)
+            let projection = Projection { width: Some(width), ..projection };
+            let mut renderer = scene.renderer(Some(full), projection)?;
+            let image = scene.shot(&mut renderer, &scene.probe)?;
+            let light = renderer.coefficients()?;
+            let off = 100.0 * difference(&light, first.get_or_insert_with(|| light.clone()));
+            let [width, height] = renderer.projected_size().unwrap_or_default();
+            let caption = if off > 0.0 { format!("light {off:.2} % off") } else { "as it is".into() };
+            Ok(Tile { image, title: format!("projected from {width}x{height}"), caption })
         })
         .collect::<Result<Vec<_>>>()?;
     scene.sheet("resolutions.png", "Hajisharif 2012, Figure 4", 3, &sheet)?;
-    scene.turning(full, args)
+    scene.turning(full, args.step)
 }
 
 impl Scene {
@@ -109,17 +118,23 @@ impl Scene {
         };
         let (low, high) = object.bounds();
         shapes::add_ground(&mut object, 5.0, 96);
-        let probe = match &args.probe {
-            Some(path) => read_far_field(path)?,
-            None => evening([WIDTHS[0], WIDTHS[0] / 2]),
+        let (probe, probe_path) = match &args.probe {
+            Some(path) => (read_far_field(path)?, path.clone()),
+            None => {
+                let (probe, path) = (evening(PROBE), args.out.join("probe.exr"));
+                let (width, height, rgb) = (probe.width, probe.height, &probe.radiance[..]);
+                write_exr(&path, &ExrLayers { width, height, rgb, alpha: None, groups: &[] })?;
+                (probe, path)
+            }
         };
-        let camera = Camera::framing(0.5 * (low + high), 0.6 * (high - low).length());
+        let camera = Camera::framing(0.5 * (low + high), 0.45 * (high - low).length());
         let (width, height) = args.size;
         let projection = Projection { order: args.order, ..Projection::default() };
         Ok(Self {
             context: Context::new(&ContextOptions::default())?,
             object,
             probe,
+            probe_path,
             camera,
             settings: ProbeSettings { width, height, projection, ..ProbeSettings::default() },
             exposure: args.exposure as f32,
@@ -171,26 +186,11 @@ impl Scene {
     }
 
     /// A whole turn of the light as an animated PNG.
-    fn turning(&self, transfer: &Transfer, args: &Args) -> Result<()> {
-        let Some(path) = &args.probe else {
-            let folder = self.out.join(".probe.exr");
-            let (width, height) = (self.probe.width, self.probe.height);
-            let layers =
-                crate::formats::image::ExrLayers { width, height, rgb: &self.probe.radiance, alpha: None, groups: &[] };
-            crate::formats::image::write_exr(&folder, &layers)?;
-            let result = self.turning_of(&folder, transfer, args.step);
-            // It was only made to be read.
-            let _ = std::fs::remove_file(&folder);
-            return result;
-        };
-        self.turning_of(path, transfer, args.step)
-    }
-
-    fn turning_of(&self, probe: &Path, transfer: &Transfer, step: f64) -> Result<()> {
+    fn turning(&self, transfer: &Transfer, step: f64) -> Result<()> {
         let count = (360.0 / step).ceil().clamp(1.0, 720.0) as u32;
         let rate = f64::from(RATE);
         let options = SequenceOptions { turn: 360.0 / f64::from(count) * rate, rate, ..SequenceOptions::default() };
-        let sequence = ProbeSequence::open(probe, &options)?;
+        let sequence = ProbeSequence::open(&self.probe_path, &options)?;
         let mut renderer = self.renderer(Some(transfer), self.settings.projection)?;
         let bar = progress::bar("turning", u64::from(count));
         let frames = (0..count)
@@ -227,7 +227,13 @@ fn write_animation(path: &Path, frames: &[RgbaImage]) -> Result<()> {
     })
 }
 
-/// Relative RMS difference of all coefficients.
+/// Relative RMS difference of the light's coefficients.
+fn difference(light: &[Vec3], other: &[Vec3]) -> f32 {
+    let differences: f32 = light.iter().zip(other).map(|(a, b)| a.distance_squared(*b)).sum();
+    (differences / other.iter().map(|b| b.length_squared()).sum::<f32>().max(1e-30)).sqrt()
+}
+
+/// Relative RMS difference of all coefficients of two transfers.
 fn rms(transfer: &Transfer, other: &Transfer) -> f64 {
     let square = |v: f32| f64::from(v) * f64::from(v);
     let pairs = transfer.coefficients.iter().zip(&other.coefficients);

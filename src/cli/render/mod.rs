@@ -175,7 +175,7 @@ pub(super) struct HarmonicsArgs {
     /// ... smooth over time: weight of the frames before against a frame's own
     #[arg(long, value_name = "ALPHA", value_parser = values::not_negative, default_value = "0", allow_hyphen_values = true)]
     temporal: f64,
-    /// ... what surfaces mirror: none, lobes, or mirror:SHARE for the paper's perfect mirror
+    /// ... what surfaces mirror: none, lobes:SAMPLES, or mirror:SHARE for the paper's perfect mirror
     #[arg(long, value_name = "HOW", default_value = "lobes")]
     reflection: Reflection,
     /// ... the object's transfer: a .prt file, which is made where it is missing, or none for no shadows [default: beside
@@ -276,10 +276,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     bar.finish_and_clear();
     let Studio { set: Set { context, settings, scan, .. }, totals, covered, captured, .. } = studio;
-    let messages = context.validation.messages();
-    if let Some(first) = messages.first() {
-        return Err(Error::Device(format!("{} validation messages, the first: {first}", messages.len())));
-    }
     let probes = source.stats();
     if let Some(journal) = source.journal.take() {
         journal.close();

@@ -41,9 +41,11 @@ impl Source {
     /// The probes of a rendering.
     pub(super) fn open(args: &Args, path: &Path, names: &FrameNames) -> Result<Self> {
         let HarmonicsArgs { temporal, .. } = args.harmonics;
-        let own = args.probes.open(path, None)?.frames();
-        let frames = numbers(args, names, own)?;
-        let sequence = args.probes.open(path, Some(frames.clone()))?;
+        let plain = args.probes.open(path, None)?;
+        let frames = numbers(args, names, plain.frames())?;
+        // What the light fades into depends on the frames that are asked for.
+        let fades = args.probes.cross_fade.is_some();
+        let sequence = if fades { args.probes.open(path, Some(frames.clone()))? } else { plain };
         let many = frames.start() < frames.end();
         // What the pictures depend on; the same line again goes on with them.
         let journal = many.then(|| Journal::open(names, &format!("{args:?}"))).transpose()?;

@@ -11,11 +11,11 @@ use super::sequence::FrameNames;
 use super::source::Next;
 use super::stats::{Clock, Totals};
 use super::{Args, write_frame};
-use crate::Result;
 use crate::cli::backdrop::{Around, ScanPicture};
 use crate::frames::{Frame, Method, Settings};
 use crate::gpu::{Capture, Context};
 use crate::scene::{Camera, FarField};
+use crate::{Error, Result};
 
 /// What all frames have in common.
 pub(super) struct Set<'a> {
@@ -103,6 +103,10 @@ impl<'a> Studio<'a> {
         let scan = clock
             .time("backdrop", || args.backdrop.render_points(context, &around, camera, settings, &mut self.backdrop))?;
         let composite = args.backdrop.compose(&frame, camera, scan.as_ref(), &around);
+        let messages = context.validation.messages();
+        if let Some(first) = messages.first() {
+            return Err(Error::Device(format!("{} validation messages, the first: {first}", messages.len())));
+        }
         let path = names.path(next.number);
         clock.time("writing", || {
             write_frame(&path, &frame, camera, &composite, args.exposure as f32, args.backdrop.tone)

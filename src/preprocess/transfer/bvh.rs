@@ -1,5 +1,6 @@
 //! A bounding volume hierarchy over triangles, for many rays from one point: split by the surface area heuristic over
-//! bins (Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), in parallel. `packet.rs` walks it.
+//! bins (Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), in parallel. `packet.rs` walks
+//! it.
 //!
 //! The splits depend on the triangles alone, never on threads, and so does everything that is found with them.
 

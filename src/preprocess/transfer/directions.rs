@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
 
-use super::packet::{LANES, Packet};
+use super::packet::{LANES, Lanes, Packet};
 use crate::scene::harmonics::basis;
 
 /// How many directions a request for `samples` gives: a full grid of strata.
@@ -44,8 +44,6 @@ pub(super) struct Directions {
     basis: Vec<f32>,
     /// Length of a row.
     functions: usize,
-    /// How many directions there are; the lanes that fill up packets do not count.
-    pub(super) count: u32,
 }
 
 impl Directions {
@@ -55,7 +53,7 @@ impl Directions {
         for direction in stratified(samples) {
             octants[octant(direction)].push(direction);
         }
-        let mut all = Self { packets: Vec::new(), basis: Vec::new(), functions, count: count(samples) };
+        let mut all = Self { packets: Vec::new(), basis: Vec::new(), functions };
         for octant in &mut octants {
             gather_neighbours(octant);
             for lanes in octant.chunks(LANES) {
@@ -74,9 +72,15 @@ impl Directions {
         &self.basis[(packet * LANES + lane) * self.functions..][..self.functions]
     }
 
-    /// Solid angle of a stratum, `w` of Hajisharif 2012, Eq. 8.
-    pub(super) fn solid_angle(&self) -> f32 {
-        (4.0 * PI / f64::from(self.count)) as f32
+    /// One over the sum of the cosines with a unit normal; 0 where all directions are below its horizon.
+    pub(super) fn share(&self, normal: Vec3) -> f32 {
+        let lane = |(cosine, end): (f32, f32)| if end > 0.0 { cosine } else { 0.0 };
+        let sums = self.packets.iter().filter_map(|packet| packet.above(normal)).map(|(cosines, ends)| {
+            let lanes = |lanes: Lanes| lanes.into_iter().flat_map(|group| group.to_array());
+            lanes(cosines).zip(lanes(ends)).map(lane).sum::<f32>()
+        });
+        let sum: f32 = sums.sum();
+        if sum > 0.0 { sum.recip() } else { 0.0 }
     }
 }
 
@@ -110,9 +114,10 @@ mod tests {
     fn each_stratum_has_one_direction_and_each_direction_one_lane() {
         for samples in [1, 2, 3, 9, 100, 900, 2500] {
             let all = Directions::new(samples, 3);
-            assert!(all.count >= samples && all.count <= samples + samples.isqrt() + 1, "{samples}: {}", all.count);
+            let count = count(samples);
+            assert!(count >= samples && count <= samples + samples.isqrt() + 1, "{samples}: {count}");
             let (rows, columns) = grid(samples);
-            let mut seen = vec![0; all.count as usize];
+            let mut seen = vec![0; count as usize];
             for (number, packet) in all.packets.iter().enumerate() {
                 let from_all_sides = [Vec3::X, Vec3::NEG_X].map(|normal| packet.above(normal));
                 for lane in 0..LANES {

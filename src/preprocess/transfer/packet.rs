@@ -93,11 +93,11 @@ impl Packet {
         let near: [f32; 3] = std::array::from_fn(|axis| node.bounds[self.negative[axis]][axis] - origin[axis]);
         let far: [f32; 3] = std::array::from_fn(|axis| node.bounds[1 - self.negative[axis]][axis] - origin[axis]);
         let mut any = false;
-        for g in 0..GROUPS {
+        for (g, ends) in ends.iter().enumerate() {
             let at = |plane: &[f32; 3], axis: usize| self.inverse[axis][g] * plane[axis];
             let enter = at(&near, 0).max(at(&near, 1)).max(at(&near, 2)).max(Vec4::ZERO);
             let leave = at(&far, 0).min(at(&far, 1)).min(at(&far, 2)) * WIDER;
-            any |= enter.cmple(leave.min(ends[g])).any();
+            any |= enter.cmple(leave.min(*ends)).any();
         }
         any
     }
@@ -117,9 +117,9 @@ impl View {
     /// `None` where the origin lies in the triangle's plane.
     ///
     /// A side is twice the cross product of its two corners, out of their difference and their sum, which rounds less
-    /// where they are close to each other (Woop et al., Embree's Plücker test). Triangles that share an edge make the same
-    /// products of it with the other sign: outside of the one is inside of the other. That leaves rays through a corner,
-    /// which rounding may put outside of all triangles there; `slack` is what rounding can do.
+    /// where they are close to each other (Embree's Plücker test). Triangles that share an edge make the same products
+    /// of it with the other sign: outside of the one is inside of the other. That leaves rays through a corner, which
+    /// rounding may put outside of all triangles there; `slack` is what rounding can do.
     #[inline(always)]
     fn new(triangle: &Triangle, origin: Vec3) -> Option<Self> {
         let [a, b, c] = triangle.corners.map(|corner| corner - origin);
