@@ -376,7 +376,7 @@ fn stream(context: &Arc<Context>, args: &Args, object: &Object, transfer: &Trans
     let (mut renderer, camera) = renderer(context, object, transfer, MaterialChoice::Diffuse(0.7))?;
     let clock = Instant::now();
     let mut frames = start()?;
-    while let Some(frame) = frames.next() {
+    for frame in frames.by_ref() {
         renderer.light(&frame.panorama, &mut profile)?;
         renderer.render(&camera)?;
     }
