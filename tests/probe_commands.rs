@@ -36,7 +36,7 @@ struct Place {
 impl Place {
     fn new() -> Self {
         let place = Self { folder: TempDir::new().expect("a folder") };
-        write_probe(&place.path("day.exr"), |u, v| Vec3::new(1.0 + (6.283 * u).cos(), 0.5, 1.0 - v));
+        write_probe(&place.path("day.exr"), |u, v| Vec3::new(1.0 + (std::f32::consts::TAU * u).cos(), 0.5, 1.0 - v));
         write_probe(&place.path("night.exr"), |u, v| {
             if (u - 0.2).hypot(v - 0.3) < 0.1 { Vec3::splat(20.0) } else { Vec3::ZERO }
         });
@@ -186,7 +186,7 @@ fn a_sequence_that_was_killed_goes_on_where_it_stopped() {
     assert!((new - 1..=new + 1).any(|n| said.contains(&format!("{n} of them new"))), "{said}");
     for number in 0..60 {
         let [whole, cut] = ["whole", "cut"].map(|name| read(&place.path(&format!("{name}.{number:04}.exr"))));
-        assert_eq!(whole.rgb == cut.rgb, true, "frame {number}");
+        assert!(whole.rgb == cut.rgb, "frame {number}");
     }
     let left: Vec<String> = std::fs::read_dir(place.folder.path())
         .expect("a folder")

@@ -11,7 +11,7 @@ use crate::place::{Display, Place, refused, said};
 
 /// Bright on one side and blue above, so that every turn of it is another light.
 fn day(u: f32, v: f32) -> Vec3 {
-    vec3(1.2 + (6.283 * u).cos(), 1.0, 1.5 - v)
+    vec3(1.2 + (std::f32::consts::TAU * u).cos(), 1.0, 1.5 - v)
 }
 
 fn place() -> Place {

@@ -204,8 +204,11 @@ fn projections(context: &Arc<Context>) -> Result<Vec<ProjectionRow>> {
     Ok(rows)
 }
 
+/// An object and its transfer.
+type Transferred = (Object, Transfer);
+
 /// Objects and their transfers, the smallest first, and what making them took.
-fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Vec<(Object, Transfer)>)> {
+fn transfers(args: &Args) -> Result<(Vec<TransferRow>, Vec<Transferred>)> {
     // The bunny's and the dragon's numbers of vertices in the paper, and its times.
     let small = ("bumpy ball".to_owned(), shapes::bumpy_ball((118, 60), (13, 13)), Some(430.2));
     let large = ("bumpy ball".to_owned(), shapes::bumpy_ball((333, 163), (10, 15)), Some(22_560.0));
