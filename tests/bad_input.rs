@@ -215,7 +215,7 @@ fn commands_and_flags() {
     place.refuses(&[] as &[&str], &["a command is missing", "--help"]);
     place.refuses(&["bench"], &["--help"]);
     place.refuses(&["paint"], &["'paint'"]);
-    place.refuses(&["render"], &["--cloud", "--object", "--out"]);
+    place.refuses(&["render"], &["--object", "--out"]);
     place.refuses(&["build", "cloud.ply"], &["--out"]);
     place.refuses(&["build", "cloud.ply", "--out"], &["--out"]);
     place.refuses(&["info", "--loud"], &["'--loud'"]);
@@ -234,7 +234,7 @@ fn values_of_flags() {
         place.render_refuses(&format!("--microbuffer {microbuffer}"), &["--microbuffer", "8 to 64"]);
     }
     place.render_refuses("--quality best", &["--quality", "draft, normal and high"]);
-    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped, hybrid and shared"]);
+    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped, hybrid, shared and probes"]);
     for material in ["gold", "diffuse", "diffuse:", "diffuse:2", "diffuse:-1", "metal:0", "metal:NaN", "metal:2"] {
         place.render_refuses(&format!("--material {material}"), &["--material", material]);
     }

@@ -19,7 +19,7 @@ use super::output::say;
 use super::probe_flags::ProbeArgs;
 use super::{progress, values};
 use crate::formats::cloud::Up;
-use crate::formats::object;
+use crate::formats::{image, object};
 use crate::frames::probes::Reflection;
 use crate::frames::{MaterialChoice, Method, Paper, Quality, Settings};
 use crate::gpu::{Capture, Context, ContextOptions};
@@ -203,7 +203,8 @@ fn check(args: &Args, method: Method) -> Result<()> {
     if args.backdrop.shows_points() && args.cloud.is_none() {
         return refuse("--backdrop points needs --cloud FILE".into());
     }
-    if !far && (args.frames.is_some() || args.probes.cross_fade.is_some() || args.probes.turn != 0.0) {
+    let moves = args.frames.is_some() || args.probes.cross_fade.is_some() || args.probes.turn != 0.0;
+    if args.probes.probes.is_none() && moves {
         return refuse("--frames, --turn and --cross-fade need --probes PATTERN".into());
     }
     Ok(())
@@ -236,10 +237,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     check(args, method)?;
     let names = FrameNames::new(&args.out)?;
     let object = clock.time("object", || object::load(&args.object))?;
-    let mut source = match args.probes.probes.as_ref().or(args.environment.as_ref()) {
-        None => Source::empty(),
-        Some(path) => clock.time("far field", || Source::open(args, path, &names))?,
-    };
+    let mut source = clock.time("far field", || match (&args.probes.probes, &args.environment) {
+        (Some(path), _) => Source::open(args, path, &names),
+        (None, Some(path)) => image::read_far_field(path).map(|far_field| Source::still(Some(far_field))),
+        (None, None) => Ok(Source::still(None)),
+    })?;
     // The object's place is in the file's coordinates, which a cloud with large ones is not kept in: the cloud comes
     // first, and its normals look at the object.
     let lights = method != Method::Probes;

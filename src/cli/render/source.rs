@@ -23,6 +23,7 @@ pub(super) struct Next {
 pub(super) struct Source {
     pub(super) frames: RangeInclusive<u64>,
     next: u64,
+    environment: Option<Arc<FarField>>,
     stream: Option<ProbeStream>,
     pub(super) journal: Option<Journal>,
     /// Frames depend on those before them.
@@ -56,7 +57,7 @@ impl Source {
             journal,
             smoothed: temporal > 0.0,
             frames,
-            ..Self::empty()
+            ..Self::still(None)
         })
     }
 
@@ -74,7 +75,7 @@ impl Source {
             }
             let Some(stream) = &mut self.stream else {
                 self.next += 1;
-                return Ok(Some(Next { number: wanted, far_field: None, rendered: false }));
+                return Ok(Some(Next { number: wanted, far_field: self.environment.clone(), rendered: false }));
             };
             let frame = stream.at(wanted);
             for (number, error) in stream.take_problems() {
