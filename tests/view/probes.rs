@@ -68,7 +68,7 @@ fn the_light_beyond_a_scan_follows_the_probes() {
     // The far field changes in place while it plays, and with it what the scan's holes show and the shadow.
     let script = "pause\nwait-still\nscreenshot before\nplay\nwait-frame 6\npause\nwait-still\n\
         screenshot after\nsave s.toml\nrate\nquit\n";
-    let probes = ["--cloud", "open.bsh", "--probes", "day.exr", "--turn", "150", "--rate", "10", "--validation"];
+    let probes = ["--cloud", "open.bsh", "--probes", "day.exr", "--turn", "150", "--rate", "10", "--late", "wait"];
     let number = frame(&play(&place, &display, &probes, script)).to_string();
     let (before, after) = (read(&place, "before.exr"), read(&place, "after.exr"));
     let lit = |name: &str, number: &str, more: &[&str]| {
