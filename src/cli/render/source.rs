@@ -34,9 +34,18 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// One frame, with nothing beyond the scan.
-    pub(super) fn empty() -> Self {
-        Self { frames: 0..=0, next: 0, stream: None, journal: None, smoothed: false, problem: None, given: false }
+    /// One frame, with an environment beyond the scan or nothing.
+    pub(super) fn still(environment: Option<FarField>) -> Self {
+        Self {
+            frames: 0..=0,
+            next: 0,
+            environment: environment.map(Arc::new),
+            stream: None,
+            journal: None,
+            smoothed: false,
+            problem: None,
+            given: false,
+        }
     }
 
     /// The probes of a rendering.
