@@ -7,6 +7,7 @@ use relume::gpu::reflect::{Member, Reflection};
 use relume::gpu::shaders;
 use relume::passes::bin::Counts;
 use relume::passes::gbuffer::Draw;
+use relume::passes::lamp_view::LampPass;
 use relume::passes::points::PointView;
 use relume::passes::rasterise::RasterCounts;
 use relume::passes::traverse::PAIR_BYTES;
@@ -37,7 +38,7 @@ macro_rules! members {
     }};
 }
 
-fn push_constants() -> [Struct; 5] {
+fn push_constants() -> [Struct; 6] {
     [
         members!(Traversal {
             pixels as "pixels",
@@ -97,6 +98,29 @@ fn push_constants() -> [Struct; 5] {
             display as "display",
             levels as "levels",
         }),
+        members!(LampPass {
+            eye as "eye",
+            focal as "focal",
+            right as "right",
+            width as "width",
+            down as "down",
+            height as "height",
+            forward as "forward",
+            vpls as "vpls",
+            views as "views",
+            view as "view",
+            light_size as "light_size",
+            side as "side",
+            ism_size as "ism_size",
+            level as "level",
+            interleave as "interleave",
+            bounce as "bounce",
+            first as "first",
+            count as "count",
+            base as "base",
+            round as "round",
+            spread as "spread",
+        }),
     ]
 }
 
@@ -127,7 +151,7 @@ fn reflections() -> Vec<(&'static str, Reflection)> {
 #[test]
 fn push_constants_lie_alike_on_both_sides() {
     let structs = push_constants();
-    let mut seen = [0; 5];
+    let mut seen = [0; 6];
     for (shader, reflection) in reflections() {
         let block = &reflection.push_constants;
         if block.is_empty() {

@@ -1,0 +1,286 @@
+//! Clouds in the light of lamps against the path tracer: direct light, bounces, energy, shadows; and odd input.
+
+mod common;
+
+use std::f32::consts::PI;
+use std::sync::{Arc, LazyLock};
+
+use common::Device;
+use glam::{Vec3, vec3};
+use rayon::prelude::*;
+use relume::compare::luminance;
+use relume::frames::lamps::{LampFrame, LampRenderer, LampSettings, Surfaces};
+use relume::gpu::Context;
+use relume::preprocess::point_chunks::PointChunks;
+use relume::reference::path_tracer::PathTracer;
+use relume::reference::rooms::{Rectangle, Room, cornell_box};
+use relume::scene::{Camera, Cloud, Lamp};
+
+/// Side of the images, pixels.
+const SIZE: usize = 64;
+/// From the middle of the ceiling down past the tall block.
+const CEILING: &str = "spot at=0,1.9,0.4 to=0.1,0,-0.2 power=40 angle=80";
+
+fn lamp(text: &str) -> Lamp {
+    text.parse().expect("a lamp")
+}
+
+/// A room sampled to points.
+struct Scene {
+    tracer: PathTracer,
+    chunks: Arc<PointChunks>,
+}
+
+impl Scene {
+    fn new(room: Room, points: usize) -> Self {
+        let tracer = PathTracer::new(room).expect("a room");
+        let chunks = PointChunks::new(&tracer.albedo_cloud(points, 1)).expect("few points");
+        Self { tracer, chunks: Arc::new(chunks) }
+    }
+
+    fn renderer(&self, context: &Arc<Context>, settings: LampSettings) -> LampRenderer {
+        LampRenderer::new(context, &self.chunks, settings).expect("a renderer")
+    }
+}
+
+/// The Cornell box with 300,000 points.
+static BOX: LazyLock<Scene> = LazyLock::new(|| Scene::new(cornell_box(), 300_000));
+
+fn camera() -> Camera {
+    Camera { from: vec3(0.0, 1.0, 3.7), at: vec3(0.0, 1.0, 0.0), fov_y: 40_f32.to_radians() }
+}
+
+fn settings(bounces: u32, vpls: u32) -> LampSettings {
+    let (width, height) = (SIZE as u32, SIZE as u32);
+    LampSettings { width, height, bounces, vpls, interleave: 1, ..LampSettings::default() }
+}
+
+/// What a pixel of the truth sees.
+struct Seen {
+    albedo: Vec3,
+    depth: f32,
+    /// By bounce, first the direct light.
+    irradiance: Vec<Vec3>,
+}
+
+fn truth(tracer: &PathTracer, lamps: &[Lamp], bounces: usize, paths: u32) -> Vec<Option<Seen>> {
+    let (camera, size) = (camera(), SIZE as u32);
+    let (.., forward) = camera.basis();
+    let at = |k: u32| {
+        let direction = camera.ray_direction(k % size, k / size, size, size);
+        let hit = tracer.hit(camera.from, direction).filter(|hit| hit.front)?;
+        let surface = &tracer.room().surfaces[hit.surface];
+        let place = (surface.at(hit.u, hit.v), surface.normal());
+        Some(Seen {
+            albedo: surface.albedo_at(hit.u, hit.v),
+            depth: hit.distance * direction.dot(forward),
+            irradiance: tracer.lamp_bounces(lamps, place, bounces, paths, u64::from(k)),
+        })
+    };
+    (0..size * size).into_par_iter().map(at).collect()
+}
+
+/// Root mean square of the difference in luminance, and difference of the means, both over the mean of the truth.
+#[derive(Debug)]
+struct Difference {
+    rms: f32,
+    bias: f32,
+    pixels: usize,
+}
+
+/// Over the pixels where both see the same place.
+fn difference(frame: &LampFrame, truth: &[Option<Seen>], bounces: usize) -> Difference {
+    let (mut squares, mut sum, mut total, mut pixels) = (0.0, 0.0, 0.0, 0);
+    for (pixel, seen) in frame.color_depth.iter().zip(truth) {
+        let [r, g, b, depth] = *pixel;
+        let Some(seen) = seen.as_ref().filter(|seen| (seen.depth / depth - 1.0).abs() < 0.02) else { continue };
+        let expected = luminance(seen.albedo * seen.irradiance[..=bounces].iter().sum::<Vec3>() / PI);
+        let off = luminance(vec3(r, g, b)) - expected;
+        (squares, sum, total, pixels) = (squares + off * off, sum + off, total + expected, pixels + 1);
+    }
+    Difference { rms: (squares * pixels as f32).sqrt() / total, bias: sum / total, pixels }
+}
+
+fn mean(frame: &LampFrame) -> f32 {
+    frame.color_depth.iter().map(|[r, g, b, _]| luminance(vec3(*r, *g, *b))).sum::<f32>()
+        / frame.color_depth.len() as f32
+}
+
+#[test]
+fn bounces_in_the_cornell_box_match_the_path_tracer() {
+    let device = Device::new();
+    let scene = Scene::new(cornell_box(), 1_000_000);
+    let spot = [lamp(CEILING)];
+    let truth = truth(&scene.tracer, &spot, 3, 512);
+    for (bounces, most) in [(0, 0.10), (1, 0.10), (2, 0.11), (3, 0.12)] {
+        let frame = scene.renderer(&device.0, settings(bounces, 1024)).render(&camera(), &spot).expect("a picture");
+        let difference = difference(&frame, &truth, bounces as usize);
+        println!("{bounces} bounces: {difference:?}");
+        assert!(difference.pixels > SIZE * SIZE * 9 / 10, "{difference:?}");
+        assert!(difference.rms < most && difference.bias.abs() < 0.05, "{bounces} bounces: {difference:?}");
+    }
+}
+
+#[test]
+fn more_lights_converge_and_the_mean_depends_on_no_setting() {
+    let device = Device::new();
+    let spot = [lamp(CEILING)];
+    let truth = truth(&BOX.tracer, &spot, 2, 256);
+    let render =
+        |settings: LampSettings| BOX.renderer(&device.0, settings).render(&camera(), &spot).expect("a picture");
+    let mut last = f32::INFINITY;
+    let mut means = Vec::new();
+    for vpls in [64, 256, 1024, 4096] {
+        let frame = render(settings(2, vpls));
+        let difference = difference(&frame, &truth, 2);
+        println!("{vpls} lights: {difference:?}");
+        assert!(difference.rms < last, "{vpls} lights: {difference:?} after {last}");
+        last = difference.rms;
+        means.push((format!("{vpls} lights"), mean(&frame)));
+    }
+    for interleave in [2, 4] {
+        means.push((
+            format!("interleaved {interleave}"),
+            mean(&render(LampSettings { interleave, ..settings(2, 1024) })),
+        ));
+    }
+    for ism_size in [16, 64] {
+        means.push((format!("maps of {ism_size}"), mean(&render(LampSettings { ism_size, ..settings(2, 1024) }))));
+    }
+    println!("{means:?}");
+    let wanted = means[2].1;
+    for (what, mean) in means {
+        assert!((mean / wanted - 1.0).abs() < 0.03, "{what}: {mean} instead of {wanted}");
+    }
+}
+
+#[test]
+fn points_suns_and_several_lamps_match_the_path_tracer() {
+    let device = Device::new();
+    let lamps = [
+        "point at=0.2,1.4,0.6 power=60",
+        "sun direction=-0.3,-0.6,-1 power=4",
+        "spot at=-0.8,1.8,0.8 to=0.5,0,0 power=10 angle=50 color=1,0.4,0.1",
+    ];
+    let lamps = lamps.map(lamp);
+    let mut renderer = BOX.renderer(&device.0, settings(1, 1024));
+    for chosen in [&lamps[..1], &lamps[1..2], &lamps[..]] {
+        let truth = truth(&BOX.tracer, chosen, 1, 128);
+        let frame = renderer.render(&camera(), chosen).expect("a picture");
+        let difference = difference(&frame, &truth, 1);
+        println!("{} lamps: {difference:?}", chosen.len());
+        assert!(difference.rms < 0.15 && difference.bias.abs() < 0.05, "{}: {difference:?}", chosen[0]);
+    }
+}
+
+#[test]
+fn a_cube_that_only_a_wall_lights_casts_a_soft_shadow() {
+    // Figure 6: a spot on the right wall, a cube in the middle of the floor.
+    let device = Device::new();
+    let mut room = cornell_box();
+    let tall = 5..10;
+    room.surfaces.drain(tall);
+    let scene = Scene::new(room, 300_000);
+    let spot = [lamp("spot at=-0.6,1.2,0.2 to=1,0.7,0.2 power=40 angle=40")];
+    let frame = scene.renderer(&device.0, settings(1, 1024)).render(&camera(), &spot).expect("a picture");
+    let truth = truth(&scene.tracer, &spot, 1, 512);
+    // Along the floor to the left of the cube, away from the wall.
+    let row: Vec<(f32, f32)> = (2..SIZE / 2)
+        .map(|x| 57 * SIZE + x)
+        .map(|k| {
+            let [r, g, b, _] = frame.color_depth[k];
+            let seen = truth[k].as_ref().expect("the floor");
+            (luminance(vec3(r, g, b)), luminance(seen.albedo * seen.irradiance[1] / PI))
+        })
+        .collect();
+    println!("{row:.3?}");
+    for (value, expected) in &row {
+        assert!((value - expected).abs() < 0.25 * row.iter().map(|(_, e)| *e).fold(0.0, f32::max), "{row:?}");
+    }
+}
+
+#[test]
+fn the_same_lamps_give_the_same_bytes() {
+    let device = Device::new();
+    let spot = [lamp(CEILING)];
+    let settings = LampSettings {
+        interleave: 2,
+        surfaces: Surfaces { diffuse: 0.7, specular: 0.3, shininess: 20.0 },
+        ..settings(3, 256)
+    };
+    let bytes = |renderer: &mut LampRenderer| renderer.render(&camera(), &spot).expect("a picture").color_depth;
+    let mut renderer = BOX.renderer(&device.0, settings);
+    let first = bytes(&mut renderer);
+    renderer.render(&camera(), &[lamp("point at=0,1,0 power=3")]).expect("another picture");
+    assert!(first == bytes(&mut renderer), "after other lamps");
+    assert!(first == bytes(&mut BOX.renderer(&device.0, settings)), "in another renderer");
+    let dark = renderer.render(&camera(), &[]).expect("a dark picture");
+    assert!(dark.color_depth.iter().all(|[r, g, b, _]| r + g + b == 0.0) && mean(&dark) == 0.0);
+}
+
+#[test]
+fn odd_lamps_and_clouds_give_dark_pixels_or_clear_errors_but_no_nan() {
+    let device = Device::new();
+    let lamps = [
+        "spot at=0,1,-1.5 to=0,1,-3 power=5 angle=40",
+        "spot at=-1,1,0 to=1,1,0 power=5 angle=170",
+        "point at=-0.34,0.5,-0.36 power=5",
+        "point at=0,0,0 power=5",
+        "sun direction=0,1,0 power=1e9",
+        "spot at=0,1.9,0 to=0,0,0 power=1e-9 angle=0.1",
+    ];
+    let small = LampSettings { width: 33, height: 20, light_size: 64, ..settings(2, 64) };
+    let mut renderer = BOX.renderer(&device.0, small);
+    for text in lamps {
+        let frame = renderer.render(&camera(), &[lamp(text)]).expect("a picture");
+        assert!(frame.color_depth.iter().flatten().all(|v| v.is_finite()), "{text}");
+    }
+    let clouds: [&[Vec3]; 4] =
+        [&[], &[vec3(0.0, 1.0, 0.0)], &[Vec3::ZERO; 3], &[vec3(1e9, 0.0, 0.0), vec3(0.0, 1e-20, 0.0)]];
+    for positions in clouds {
+        let (colors, normals) = (vec![Vec3::ONE; positions.len()], vec![Vec3::Z; positions.len()]);
+        let cloud = Cloud { positions: positions.to_vec(), colors, normals, ..Cloud::default() };
+        let chunks = Arc::new(PointChunks::new(&cloud).expect("few points"));
+        let mut renderer = LampRenderer::new(&device.0, &chunks, small).expect("a renderer");
+        let lamps = [lamp("spot at=0,1,3 to=0,1,0 power=5 angle=60"), lamp("sun direction=0,0,-1 power=1")];
+        let frame = renderer.render(&camera(), &lamps).expect("a picture");
+        assert!(frame.color_depth.iter().flatten().all(|v| v.is_finite()), "{positions:?}");
+    }
+    let bare = Arc::new(PointChunks::from_points(&[Vec3::ONE], &[Vec3::ONE], &[]).expect("a point"));
+    let message = LampRenderer::new(&device.0, &bare, small).err().expect("no normals").to_string();
+    assert!(message.contains("normals"), "{message}");
+    for (wrong, word) in [
+        (LampSettings { bounces: 9, ..small }, "9 bounces"),
+        (LampSettings { vpls: 100, ..small }, "multiple of 16"),
+        (LampSettings { interleave: 3, ..small }, "interleaving"),
+        (LampSettings { ism_size: 48, ..small }, "power of two"),
+        (LampSettings { light_size: 0, ..small }, "views of lamps"),
+        (LampSettings { surfaces: Surfaces { diffuse: 0.9, specular: 0.2, shininess: 5.0 }, ..small }, "more light"),
+    ] {
+        let message = LampRenderer::new(&device.0, &BOX.chunks, wrong).err().expect(word).to_string();
+        assert!(message.contains(word), "{message}");
+    }
+    let many = vec![lamp("point at=0,1,0 power=1"); 11];
+    let message = renderer.render(&camera(), &many).expect_err("66 views").to_string();
+    assert!(message.contains("66 views"), "{message}");
+}
+
+#[test]
+fn one_lit_rectangle_sends_what_a_lambertian_does() {
+    // A floor and a wall that face each other at a right angle; one bounce, by hand at a few places.
+    let device = Device::new();
+    let white = Vec3::splat(0.8);
+    let floor = Rectangle::new(vec3(-2.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 4.0, white);
+    let wall = Rectangle::new(vec3(-2.0, 0.0, -1.0), Vec3::X * 4.0, Vec3::Y * 2.0, white);
+    let scene = Scene::new(Room { surfaces: vec![floor, wall] }, 200_000);
+    let spot = [lamp("spot at=0,1.5,0.5 to=0,0,0.5 power=10 angle=30")];
+    let mut renderer = scene.renderer(&device.0, settings(1, 1024));
+    renderer.render(&camera(), &spot).expect("a picture");
+    let [_, bounced] = renderer.irradiance().expect("irradiance");
+    // Flux on the floor is the power; seen from 1 m up the wall it comes from one spot of light in good approximation.
+    let index = 32 * SIZE + 32;
+    let (to, intensity) = (vec3(0.0, -1.0, 1.5), 10.0 * 0.8 / PI);
+    let expected = intensity * 1.0 * 1.5 / to.length_squared().powi(2);
+    let value = bounced[index][0];
+    assert!((value / expected - 1.0).abs() < 0.10, "{value} instead of {expected}");
+}
