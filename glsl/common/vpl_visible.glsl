@@ -2,8 +2,10 @@
 
 layout(binding = 22) uniform usamplerBuffer ism; // distances as float bits
 
-// Part of the distance that an occluder must be nearer.
-const float BIAS = 0.06;
+// Part of the distance that an occluder must be nearer: some, and as much as surfaces that meet at an angle of 45 degrees
+// differ within so many texels.
+const float BIAS = 0.02;
+const float TEXELS = 1.5;
 
 // `to` is the way from the light to the place, in its frame; `normal` that of the place, in the same.
 bool vpl_sees(uint index, vec3 to, float distance_, vec3 normal) {
@@ -14,5 +16,6 @@ bool vpl_sees(uint index, vec3 to, float distance_, vec3 normal) {
     // The map knows the middle of the texel: there the plane of the place may be nearer than the place itself.
     float towards = dot(normal, paraboloid_direction(vec2(texel) + 0.5));
     float planar = towards < 0.0 ? dot(normal, to) / towards : distance_;
-    return clamp(planar, 0.5 * distance_, distance_) * (1.0 - BIAS) <= uintBitsToFloat(bits);
+    float bias = BIAS + TEXELS * 2.0 * (1.0 + direction.z) / float(lamp_pass.ism_size);
+    return clamp(planar, 0.5 * distance_, distance_) * (1.0 - bias) <= uintBitsToFloat(bits);
 }

@@ -17,6 +17,8 @@ layout(std430, binding = 2) buffer IsmDepths { uint ism_depths[]; };
 
 // Widest half box, of a map's side.
 const float WIDEST = 0.125;
+// Radius of the disc that a point stands for, in spacings of the map's points.
+const float RADIUS = 0.75;
 
 void main() {
     if (gl_GlobalInvocationID.x >= lamp_pass.count) return;
@@ -36,21 +38,18 @@ void main() {
 
     vec2 middle = paraboloid_place(local / distance_);
     float size = float(lamp_pass.ism_size);
-    float reach = min(0.25 * side * size / (distance_ + along), WIDEST * size);
-    ivec2 home = min(ivec2(middle), ivec2(lamp_pass.ism_size) - 1);
-    ivec2 low = max(min(ivec2(ceil(middle - reach - 0.5)), home), ivec2(0));
-    ivec2 high = min(max(ivec2(floor(middle + reach - 0.5)), home), ivec2(lamp_pass.ism_size) - 1);
+    float reach = min(0.5 * RADIUS * side * size / (distance_ + along), WIDEST * size);
+    ivec2 low = max(ivec2(ceil(middle - reach - 0.5)), ivec2(0));
+    ivec2 high = min(ivec2(floor(middle + reach - 0.5)), ivec2(lamp_pass.ism_size) - 1);
+    if (low.x > high.x) return;
     float height = dot(normal, local);
     int first = ism_texel(map, 0u);
     for (ivec2 at = low; at.y <= high.y;) {
         vec3 direction = paraboloid_direction(vec2(at) + 0.5);
         float planar = height / dot(normal, direction);
-        bool on_disc = planar > 0.0 && distance(direction * planar, local) <= 0.75 * side;
-        // The box's middle always counts, at a depth near the point's own.
-        if (on_disc || at == home) {
-            float depth = on_disc ? planar : distance_;
+        if (planar > 0.0 && distance(direction * planar, local) <= RADIUS * side) {
             uint slot = uint(first + at.y * int(lamp_pass.ism_size) + at.x);
-            uint bits = floatBitsToUint(depth);
+            uint bits = floatBitsToUint(planar);
             if (bits < ism_depths[slot]) atomicMin(ism_depths[slot], bits);
         }
         at = at.x == high.x ? ivec2(low.x, at.y + 1) : ivec2(at.x + 1, at.y);

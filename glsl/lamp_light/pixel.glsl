@@ -2,8 +2,8 @@
 #include "shared/lamp_pass.glsl"
 #include "common/lamp_setup.glsl"
 
-layout(binding = 0) uniform samplerBuffer shaded_in; // colour, depth along the view or 0
-layout(binding = 1) uniform samplerBuffer shaded_normals_in;
+layout(binding = 0) uniform samplerBuffer surface; // colour, depth along the view or 0
+layout(binding = 1) uniform samplerBuffer surface_normals;
 
 struct Pixel {
     vec3 position;
@@ -15,9 +15,9 @@ struct Pixel {
 
 Pixel load_pixel(ivec2 at) {
     int index = at.y * int(lamp_pass.width) + at.x;
-    vec4 color = texelFetch(shaded_in, index);
+    vec4 color = texelFetch(surface, index);
     vec2 slope = (vec2(at) + 0.5 - 0.5 * vec2(lamp_pass.width, lamp_pass.height)) / lamp_pass.focal;
     vec3 ray = lamp_pass.right * slope.x + lamp_pass.down * slope.y + lamp_pass.forward;
-    return Pixel(lamp_pass.eye + ray * color.w, color.w, texelFetch(shaded_normals_in, index).xyz,
+    return Pixel(lamp_pass.eye + ray * color.w, color.w, texelFetch(surface_normals, index).xyz,
                  min(color.rgb, vec3(1.0)), -normalize(ray));
 }

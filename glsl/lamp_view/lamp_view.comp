@@ -7,8 +7,8 @@
 
 layout(local_size_x = 256) in;
 
-layout(binding = 0) uniform samplerBuffer shaded_in; // colour, depth
-layout(binding = 1) uniform samplerBuffer shaded_normals_in;
+layout(binding = 0) uniform samplerBuffer surface; // colour, depth
+layout(binding = 1) uniform samplerBuffer surface_normals;
 layout(binding = 2, rgba32f) uniform writeonly imageBuffer lamp_places_out;  // position, depth or 0
 layout(binding = 3, rgba32f) uniform writeonly imageBuffer lamp_normals_out; // normal, power from the lamp over its strength
 layout(binding = 4, rgba32f) uniform writeonly imageBuffer lamp_colors_out;
@@ -20,9 +20,9 @@ void main() {
     if (index >= size * size) return;
     ivec2 pixel = ivec2(index & (size - 1u), index >> uint(findMSB(size)));
     LampView view = load_lamp_view(lamp_pass.view);
-    vec4 color = texelFetch(shaded_in, int(index));
+    vec4 color = texelFetch(surface, int(index));
     color.rgb = min(color.rgb, vec3(1.0));
-    vec3 normal = texelFetch(shaded_normals_in, int(index)).xyz;
+    vec3 normal = texelFetch(surface_normals, int(index)).xyz;
     vec2 slope = (vec2(pixel) + 0.5 - 0.5 * float(size)) / view.focal;
     float length2 = 1.0 + dot(slope, slope);
     vec3 ray = view.right * slope.x + view.down * slope.y + view.forward;

@@ -12,6 +12,8 @@ use crate::gpu::{Buffer, Context, Profile, Recorder};
 use crate::passes::ism::IsmPass;
 use crate::passes::lamp_light::LampLightPass;
 use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
+use crate::passes::points::PointView;
+use crate::passes::surfel_view::SurfelViewPass;
 use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
 use crate::preprocess::point_chunks::PointChunks;
 use crate::scene::{Camera, Lamp};
@@ -131,6 +133,8 @@ pub struct LampRenderer {
     bounds: (Vec3, f32),
     /// Surface of the cloud, square metres.
     area: f32,
+    /// Typical distance between its points, metres.
+    spacing: f32,
     lights: VplBuffers,
     passes: Option<Passes>,
 }
@@ -138,6 +142,8 @@ pub struct LampRenderer {
 /// What depends on the number of views.
 struct Passes {
     side: u32,
+    lamp_surface: SurfelViewPass,
+    camera_surface: SurfelViewPass,
     views: LampViewPass,
     ism: IsmPass,
     vpl: VplPass,
@@ -188,6 +194,7 @@ impl LampRenderer {
             count: chunks.points.len() as u32,
             bounds,
             area,
+            spacing: chunks.spacing,
             lights,
             passes: None,
         })
@@ -249,6 +256,8 @@ impl LampRenderer {
         for (view, number) in views.iter().zip(0..) {
             self.lamp.draw(&view.camera, profile)?;
             let mut recorder = Recorder::new(&self.context)?;
+            let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
+            passes.lamp_surface.record(&mut recorder, &self.lit_points(), seen)?;
             passes.views.copy(&mut recorder, LampPass { view: number, ..pass })?;
             recorder.finish(profile)?;
         }
@@ -256,6 +265,8 @@ impl LampRenderer {
         self.camera.draw(camera, profile)?;
         let points = self.lit_points();
         let mut recorder = Recorder::new(&self.context)?;
+        let seen = PointView::new(camera, width, height, self.spacing);
+        passes.camera_surface.record(&mut recorder, &points, seen)?;
         passes.views.pyramid(&mut recorder, pass)?;
         passes.light.direct(&mut recorder, pass)?;
         // The first lights (4.2), and bounce by bounce their maps (4.3), their light (4.4) and the next (4.5).
@@ -287,11 +298,15 @@ impl LampRenderer {
         let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
         let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
         let points = self.lit_points();
-        let views = LampViewPass::new(context, self.lamp.images(), light_size, side)?;
+        let lamp_surface = SurfelViewPass::new(context, self.lamp.images(), &points)?;
+        let camera_surface = SurfelViewPass::new(context, self.camera.images(), &points)?;
+        let views = LampViewPass::new(context, &lamp_surface, light_size, side)?;
         let ism = IsmPass::new(context, lights, &views, &points, (vpls, ism_size, ism_fill))?;
         let vpl = VplPass::new(context, (lights, vpls), (&views, &ism), &points, glossy)?;
-        let light = LampLightPass::new(context, self.camera.images(), lights, (&views, &ism), glossy)?;
-        self.passes = Some(Passes { side, views, ism, vpl, light });
+        let LampSettings { width, height, .. } = self.settings;
+        let surface = (&camera_surface, width, height);
+        let light = LampLightPass::new(context, surface, lights, (&views, &ism), glossy)?;
+        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light });
         Ok(())
     }
 

@@ -46,8 +46,7 @@ impl IsmPass {
                 .buffer("IsmDepths", &depths)
                 .buffer("ism", &depths)
                 .buffer("ism_out", &depths)
-                .buffer("points", buffer.points)
-                .buffer("surfels", buffer.surfels)
+                .and(buffer.bindings())
         };
         let first = bindings(&points[0], 0);
         let splat = Operator::new(context, "ism/splat.comp", &[], &first)?;

@@ -8,7 +8,7 @@ use ash::vk;
 use super::ism::IsmPass;
 use super::lamp_view::{LampPass, LampViewPass};
 use super::operator::Operator;
-use super::point_operators::PointImages;
+use super::surfel_view::SurfelViewPass;
 use super::vpl::VplBuffers;
 use crate::Result;
 use crate::gpu::pipeline::DescriptorSet;
@@ -37,19 +37,18 @@ pub struct LampLightPass {
 }
 
 impl LampLightPass {
-    /// Makes buffers and pipelines for a camera whose view is drawn into `images`; `glossy` where surfaces have mirror
+    /// Makes buffers and pipelines for a camera whose G-buffer is in `surface`; `glossy` where surfaces have mirror
     /// lobes.
     ///
     /// # Errors
     /// When they do not fit the device.
     pub fn new(
         context: &Arc<Context>,
-        images: &PointImages,
+        (surface, width, height): (&SurfelViewPass, u32, u32),
         lights: &VplBuffers,
         (views, ism): (&LampViewPass, &IsmPass),
         glossy: bool,
     ) -> Result<Self> {
-        let (width, height, _) = images.levels.levels[0];
         let bytes = u64::from(width) * u64::from(height) * 16;
         let buffer = |name| Buffer::with_texels(context, name, bytes, vk::Format::R32G32B32A32_SFLOAT);
         let (lit, direct, bounced) = (buffer("lit points")?, buffer("direct light")?, buffer("bounced light")?);
@@ -58,8 +57,7 @@ impl LampLightPass {
         let bindings = |now: usize| -> Bindings<'_> {
             Bindings::new()
                 .and(views.bindings())
-                .buffer("shaded_in", &images.shaded)
-                .buffer("shaded_normals_in", &images.shaded_normals)
+                .and(surface.bindings())
                 .buffer("vpl", &lights.lights[now])
                 .buffer("ism", &ism.depths)
                 .buffer("direct_out", &direct)

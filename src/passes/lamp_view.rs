@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::operator::Operator;
-use super::point_operators::PointImages;
+use super::surfel_view::SurfelViewPass;
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Context, Recorder};
 use crate::scene::{Camera, Lamp, LampKind};
@@ -178,12 +178,12 @@ pub struct LampViewPass {
 }
 
 impl LampViewPass {
-    /// Room for `side` x `side` views of `size` x `size` pixels, both powers of two, that are drawn into `images` one
-    /// after the other.
+    /// Room for `side` x `side` views of `size` x `size` pixels, both powers of two, whose G-buffers are in `surface`
+    /// one after the other.
     ///
     /// # Errors
     /// When they do not fit the device.
-    pub fn new(context: &Arc<Context>, images: &PointImages, size: u32, side: u32) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, surface: &SurfelViewPass, size: u32, side: u32) -> Result<Self> {
         let texels = u64::from(size * side).pow(2);
         let four = vk::Format::R32G32B32A32_SFLOAT;
         let buffer = |name| Buffer::with_texels(context, name, texels * 16, four);
@@ -192,8 +192,7 @@ impl LampViewPass {
         let setup = Buffer::with_texels(context, "lamp setup", u64::from(1 + 5 * side * side) * 16, four)?;
         let bindings = Bindings::new()
             .buffer("lamp_setup", &setup)
-            .buffer("shaded_in", &images.shaded)
-            .buffer("shaded_normals_in", &images.shaded_normals)
+            .and(surface.bindings())
             .buffer("lamp_places_out", &places)
             .buffer("lamp_normals_out", &normals)
             .buffer("lamp_colors_out", &colors)

@@ -15,6 +15,7 @@ pub mod probe_object;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;
+pub mod surfel_view;
 pub mod tile_convolve;
 pub mod tile_radiance;
 pub mod trace;

@@ -23,17 +23,23 @@ pub struct LitPoints<'a> {
     pub count: u32,
 }
 
-impl LitPoints<'_> {
-    /// `pass` over all of them, in dispatches that devices take.
-    pub(super) fn dispatches(&self, pass: LampPass) -> Vec<(LampPass, u32)> {
+impl<'a> LitPoints<'a> {
+    /// The buffers under the names that shaders use.
+    pub(super) fn bindings(&self) -> Bindings<'a> {
+        Bindings::new().buffer("points", self.points).buffer("surfels", self.surfels)
+    }
+
+    /// First and number of the points of each dispatch over all of them.
+    pub(super) fn runs(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
         const MOST: u32 = 1 << 22;
-        (0..self.count)
-            .step_by(MOST as usize)
-            .map(|first| {
-                let count = MOST.min(self.count - first);
-                (LampPass { first, count, base: self.base, ..pass }, count)
-            })
-            .collect()
+        let count = self.count;
+        (0..count).step_by(MOST as usize).map(move |first| (first, MOST.min(count - first)))
+    }
+
+    /// `pass` over all of them.
+    pub(super) fn dispatches(&self, pass: LampPass) -> Vec<(LampPass, u32)> {
+        let of = |(first, count)| (LampPass { first, count, base: self.base, ..pass }, count);
+        self.runs().map(of).collect()
     }
 }
 
@@ -94,8 +100,7 @@ impl VplPass {
                 .buffer("VplWeights", &weights)
                 .buffer("vpl_sums", &weights)
                 .buffer("ism", &ism.depths)
-                .buffer("points", buffer.points)
-                .buffer("surfels", buffer.surfels)
+                .and(buffer.bindings())
         };
         let first = bindings(&points[0], 1);
         let place = Operator::new(context, "vpl/place.comp", &[], &first)?;
