@@ -15,5 +15,5 @@ void main() {
     int row = int(2u * size);
     uint depths[4] = uint[4](texelFetch(ism, at).x, texelFetch(ism, at + 1).x, texelFetch(ism, at + row).x,
                              texelFetch(ism, at + row + 1).x);
-    imageStore(ism_out, ism_texel(map, lamp_pass.level) + int(texel), uvec4(front_mean(depths, vec4(0.25))));
+    imageStore(ism_out, ism_texel(map, lamp_pass.level) + int(texel), uvec4(surface_mean(depths, vec4(0.25))));
 }

@@ -20,5 +20,5 @@ void main() {
         ivec2 at = clamp(middle + side * ivec2(k & 1, k >> 1), ivec2(0), ivec2(coarser - 1));
         depths[k] = texelFetch(ism, first + at.y * coarser + at.x).x;
     }
-    imageStore(ism_out, own, uvec4(front_mean(depths, vec4(9.0, 3.0, 3.0, 1.0) / 16.0)));
+    imageStore(ism_out, own, uvec4(surface_mean(depths, vec4(9.0, 3.0, 3.0, 1.0) / 16.0)));
 }

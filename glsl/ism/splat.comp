@@ -18,7 +18,7 @@ layout(std430, binding = 2) buffer IsmDepths { uint ism_depths[]; };
 // Widest half box, of a map's side.
 const float WIDEST = 0.125;
 // Radius of the disc that a point stands for, in spacings of the map's points.
-const float RADIUS = 0.75;
+const float RADIUS = 0.55;
 
 void main() {
     if (gl_GlobalInvocationID.x >= lamp_pass.count) return;

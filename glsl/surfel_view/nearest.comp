@@ -5,10 +5,11 @@
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
 #include "shared/point_view.glsl"
+#include "common/rgb9e5.glsl"
+#include "common/surfel.glsl"
 
 layout(local_size_x = 128) in;
 
-layout(binding = 0) uniform usamplerBuffer points; // position as float bits, colour in RGB9E5
 layout(binding = 2) uniform samplerBuffer shaded_in; // colour, depth
 layout(std430, binding = 3) buffer SurfelKeys { uint64_t surfel_keys[]; };
 
@@ -18,7 +19,8 @@ const float SAME_SURFACE = 0.05;
 void main() {
     if (gl_GlobalInvocationID.x >= point_view.count) return;
     uint index = point_view.first + gl_GlobalInvocationID.x;
-    vec3 view = view_from_world(uintBitsToFloat(texelFetch(points, int(index)).xyz));
+    vec3 position = uintBitsToFloat(texelFetch(points, int(index)).xyz);
+    vec3 view = view_from_world(position);
     if (!(view.z >= point_view.near)) return;
     vec2 at = view.xy / view.z * point_view.focal + 0.5 * vec2(point_view.width, point_view.height);
     if (any(lessThan(at, vec2(0.0))) || at.x >= float(point_view.width) || at.y >= float(point_view.height)) return;
@@ -26,7 +28,8 @@ void main() {
     uint slot = pixel.y * point_view.width + pixel.x;
     if (view.z > texelFetch(shaded_in, int(slot)).w * (1.0 + SAME_SURFACE)) return;
     vec2 off = at - vec2(pixel) - 0.5;
-    // The number in the cloud decides where two lie alike.
-    uint64_t key = uint64_t(floatBitsToUint(dot(off, off))) << 32 | uint64_t(point_view.source + index);
+    // At an edge the side that is turned away comes last. The number in the cloud decides where two lie alike.
+    float turned = dot(load_surfel(int(index)).normal, position - point_view.eye) > 0.0 ? 1.0 : 0.0;
+    uint64_t key = uint64_t(floatBitsToUint(dot(off, off) + turned)) << 32 | uint64_t(point_view.source + index);
     if (key < surfel_keys[slot]) atomicMin(surfel_keys[slot], key);
 }
