@@ -18,8 +18,8 @@ use relume::scene::{Camera, Cloud, Lamp};
 
 /// Side of the images, pixels.
 const SIZE: usize = 128;
-/// The truth is known at one of so many pixels along either side.
-const STEP: usize = 2;
+/// Pixels along a side of the blocks whose means are compared: edges are not smooth in either picture.
+const BLOCK: usize = 2;
 /// From the middle of the ceiling down past the tall block.
 const CEILING: &str = "spot at=0,1.9,0.4 to=0.1,0,-0.2 power=40 angle=80";
 
@@ -57,32 +57,21 @@ fn settings(bounces: u32, vpls: u32) -> LampSettings {
     LampSettings { width, height, bounces, vpls, interleave: 1, ..LampSettings::default() }
 }
 
-/// What a pixel of the truth sees.
-struct Seen {
-    pixel: usize,
-    albedo: Vec3,
-    depth: f32,
-    /// By bounce, first the direct light.
-    irradiance: Vec<Vec3>,
-}
-
-fn truth(tracer: &PathTracer, lamps: &[Lamp], bounces: usize, paths: u32) -> Vec<Seen> {
+/// Radiance of every pixel by the number of bounces, from paths.
+fn truth(tracer: &PathTracer, lamps: &[Lamp], bounces: usize, paths: u32) -> Vec<Vec<f32>> {
     let (camera, size) = (camera(), SIZE as u32);
-    let (.., forward) = camera.basis();
-    let at = |k: usize| {
-        let (x, y) = (k % (SIZE / STEP) * STEP, k / (SIZE / STEP) * STEP);
-        let direction = camera.ray_direction(x as u32, y as u32, size, size);
-        let hit = tracer.hit(camera.from, direction).filter(|hit| hit.front)?;
+    let at = |k: u32| {
+        let direction = camera.ray_direction(k % size, k / size, size, size);
+        let Some(hit) = tracer.hit(camera.from, direction).filter(|hit| hit.front) else {
+            return vec![0.0; bounces + 1];
+        };
         let surface = &tracer.room().surfaces[hit.surface];
+        let albedo = surface.albedo_at(hit.u, hit.v);
         let place = (surface.at(hit.u, hit.v), surface.normal());
-        Some(Seen {
-            pixel: y * SIZE + x,
-            albedo: surface.albedo_at(hit.u, hit.v),
-            depth: hit.distance * direction.dot(forward),
-            irradiance: tracer.lamp_bounces(lamps, place, bounces, paths, k as u64),
-        })
+        let irradiance = tracer.lamp_bounces(lamps, place, bounces, paths, u64::from(k));
+        irradiance.into_iter().map(|irradiance| luminance(albedo * irradiance / PI)).collect()
     };
-    (0..(SIZE / STEP).pow(2)).into_par_iter().filter_map(at).collect()
+    (0..size * size).into_par_iter().map(at).collect()
 }
 
 /// Root mean square of the difference in luminance, and difference of the means, both over the mean of the truth.
@@ -90,22 +79,26 @@ fn truth(tracer: &PathTracer, lamps: &[Lamp], bounces: usize, paths: u32) -> Vec
 struct Difference {
     rms: f32,
     bias: f32,
-    pixels: usize,
 }
 
-/// Over the pixels where both see the same place.
-fn difference(frame: &LampFrame, truth: &[Seen], bounces: usize) -> Difference {
-    let (mut squares, mut sum, mut total, mut pixels) = (0.0, 0.0, 0.0, 0);
-    for seen in truth {
-        let [r, g, b, depth] = frame.color_depth[seen.pixel];
-        if (seen.depth / depth - 1.0).abs() > 0.02 {
-            continue;
-        }
-        let expected = luminance(seen.albedo * seen.irradiance[..=bounces].iter().sum::<Vec3>() / PI);
-        let off = luminance(vec3(r, g, b)) - expected;
-        (squares, sum, total, pixels) = (squares + off * off, sum + off, total + expected, pixels + 1);
+/// Over blocks of pixels; of all light after up to `bounces` bounces, or of the bounced light alone.
+fn difference(radiance: &[f32], truth: &[Vec<f32>], bounces: std::ops::RangeInclusive<usize>) -> Difference {
+    let side = SIZE / BLOCK;
+    let mut blocks = vec![(0.0, 0.0); side * side];
+    for (k, (value, expected)) in radiance.iter().zip(truth).enumerate() {
+        let block = &mut blocks[k / SIZE / BLOCK * side + k % SIZE / BLOCK];
+        let share = 1.0 / (BLOCK * BLOCK) as f32;
+        block.0 += value * share;
+        block.1 += expected[bounces.clone()].iter().sum::<f32>() * share;
     }
-    Difference { rms: (squares * pixels as f32).sqrt() / total, bias: sum / total, pixels }
+    let total: f32 = blocks.iter().map(|block| block.1).sum();
+    let squares: f32 = blocks.iter().map(|block| (block.0 - block.1).powi(2)).sum();
+    let sum: f32 = blocks.iter().map(|block| block.0 - block.1).sum();
+    Difference { rms: (squares * blocks.len() as f32).sqrt() / total, bias: sum / total }
+}
+
+fn radiance(frame: &LampFrame) -> Vec<f32> {
+    frame.color_depth.iter().map(|[r, g, b, _]| luminance(vec3(*r, *g, *b))).collect()
 }
 
 fn mean(frame: &LampFrame) -> f32 {
@@ -118,12 +111,11 @@ fn bounces_in_the_cornell_box_match_the_path_tracer() {
     let device = Device::new();
     let scene = Scene::new(cornell_box(), 1_000_000);
     let spot = [lamp(CEILING)];
-    let truth = truth(&scene.tracer, &spot, 3, 512);
+    let truth = truth(&scene.tracer, &spot, 3, 128);
     for (bounces, most) in [(0, 0.10), (1, 0.10), (2, 0.11), (3, 0.12)] {
         let frame = scene.renderer(&device.0, settings(bounces, 1024)).render(&camera(), &spot).expect("a picture");
-        let difference = difference(&frame, &truth, bounces as usize);
+        let difference = difference(&radiance(&frame), &truth, 0..=bounces as usize);
         println!("{bounces} bounces: {difference:?}");
-        assert!(difference.pixels > truth.len() * 19 / 20, "{difference:?}");
         assert!(difference.rms < most && difference.bias.abs() < 0.05, "{bounces} bounces: {difference:?}");
     }
 }
@@ -132,14 +124,14 @@ fn bounces_in_the_cornell_box_match_the_path_tracer() {
 fn more_lights_converge_and_the_mean_depends_on_no_setting() {
     let device = Device::new();
     let spot = [lamp(CEILING)];
-    let truth = truth(&BOX.tracer, &spot, 2, 256);
+    let truth = truth(&BOX.tracer, &spot, 2, 128);
     let render =
         |settings: LampSettings| BOX.renderer(&device.0, settings).render(&camera(), &spot).expect("a picture");
     let mut last = f32::INFINITY;
     let mut means = Vec::new();
     for vpls in [64, 256, 1024, 4096] {
         let frame = render(settings(2, vpls));
-        let difference = difference(&frame, &truth, 2);
+        let difference = difference(&radiance(&frame), &truth, 0..=2);
         println!("{vpls} lights: {difference:?}");
         assert!(difference.rms < last, "{vpls} lights: {difference:?} after {last}");
         last = difference.rms;
@@ -172,9 +164,9 @@ fn points_suns_and_several_lamps_match_the_path_tracer() {
     let lamps = lamps.map(lamp);
     let mut renderer = BOX.renderer(&device.0, settings(1, 1024));
     for chosen in [&lamps[..1], &lamps[1..2], &lamps[..]] {
-        let truth = truth(&BOX.tracer, chosen, 1, 128);
+        let truth = truth(&BOX.tracer, chosen, 1, 64);
         let frame = renderer.render(&camera(), chosen).expect("a picture");
-        let difference = difference(&frame, &truth, 1);
+        let difference = difference(&radiance(&frame), &truth, 0..=1);
         println!("{} lamps: {difference:?}", chosen.len());
         assert!(difference.rms < 0.15 && difference.bias.abs() < 0.05, "{}: {difference:?}", chosen[0]);
     }
@@ -190,20 +182,24 @@ fn a_cube_that_only_a_wall_lights_casts_a_soft_shadow() {
     let scene = Scene::new(room, 300_000);
     let spot = [lamp("spot at=-0.6,1.2,0.2 to=1,0.7,0.2 power=40 angle=40")];
     let frame = scene.renderer(&device.0, settings(1, 1024)).render(&camera(), &spot).expect("a picture");
-    let truth = truth(&scene.tracer, &spot, 1, 512);
-    // Along a row of the floor before the cube.
-    let row: Vec<(f32, f32)> = truth
-        .iter()
-        .filter(|seen| seen.pixel / SIZE == 116)
-        .map(|seen| {
-            let [r, g, b, _] = frame.color_depth[seen.pixel];
-            (luminance(vec3(r, g, b)), luminance(seen.albedo * seen.irradiance[1] / PI))
+    let truth = truth(&scene.tracer, &spot, 1, 256);
+    // Along two rows of the floor before the cube, two pixels at a time: paths are noisy.
+    let lit = radiance(&frame);
+    let row: Vec<(f32, f32)> = (0..SIZE / 2)
+        .map(|x| {
+            let pixels = [123, 124].into_iter().flat_map(|y| [2 * x, 2 * x + 1].map(|x| y * SIZE + x));
+            pixels.fold((0.0, 0.0), |sum, k| (sum.0 + lit[k] / 4.0, sum.1 + truth[k][1] / 4.0))
         })
         .collect();
     println!("{row:.3?}");
     let brightest = row.iter().map(|(_, expected)| *expected).fold(0.0, f32::max);
     for (value, expected) in &row {
-        assert!((value - expected).abs() < 0.15 * brightest, "{value} instead of {expected}: {row:.3?}");
+        assert!((value - expected).abs() < 0.2 * brightest, "{value} instead of {expected}: {row:.3?}");
+    }
+    // It is there, and soft: dark, half lit and bright parts.
+    for share in [0.0..0.3, 0.3..0.7, 0.7..1.01] {
+        let count = row.iter().filter(|(value, _)| share.contains(&(value / brightest))).count();
+        assert!(count >= 3, "{count} places of {share:?}: {row:.3?}");
     }
 }
 

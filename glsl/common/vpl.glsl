@@ -17,6 +17,11 @@ Vpl load_vpl(uint index) {
     return Vpl(place.xyz, place.w, texelFetch(vpl, at + 1).xyz, texelFetch(vpl, at + 2).xyz);
 }
 
+// What squared distances are at least: a light stands for an area, and the view from beside it has no singularity. A disc
+// of that area seen from before its middle would have area / pi; a quarter of it takes less light away where surfaces
+// meet, and with 64 lights the picture is not darker than with many.
+float near_bound(Vpl light) { return light.area * 0.0795774715; }
+
 // Flux from both sides.
 vec3 load_flux(uint index) { return texelFetch(vpl, 8 * int(index) + 4).rgb + texelFetch(vpl, 8 * int(index) + 6).rgb; }
 

@@ -12,8 +12,8 @@ layout(binding = 5, rgba32f) uniform writeonly imageBuffer bounced_out;
 
 layout(constant_id = 0) const bool GLOSSY = false;
 
-// Part of the depth that an occluder must be nearer.
-const float BIAS = 0.01;
+// Widths of a texel that an occluder must be nearer; a sun's view has its depths a long way off.
+const float BIAS = 3.0;
 
 // Share of four texels around the place in the view that see the pixel's plane.
 float lit_share(uint index, LampView view, vec3 local, Pixel pixel) {
@@ -28,7 +28,7 @@ float lit_share(uint index, LampView view, vec3 local, Pixel pixel) {
         vec3 ray = vec3((vec2(at) + 0.5 - 0.5 * float(lamp_pass.light_size)) / view.focal, 1.0);
         float towards = dot(normal, ray);
         float planar = towards < 0.0 ? dot(normal, local) / towards : local.z;
-        bool lit = depth == 0.0 || clamp(planar, 0.5 * local.z, local.z) * (1.0 - BIAS) <= depth;
+        bool lit = depth == 0.0 || clamp(planar, 0.5 * local.z, local.z) - BIAS * local.z / view.focal <= depth;
         vec2 shares = mix(1.0 - part, part, vec2(side));
         if (lit) share += shares.x * shares.y;
     }

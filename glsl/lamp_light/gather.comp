@@ -41,8 +41,7 @@ void main() {
         mat3 frame = frame_of(light.normal);
         float distance_ = sqrt(distance2);
         if (!vpl_sees(k, to * frame, distance_, pixel.normal * frame)) continue;
-        // A light stands for an area: seen from up to the middle of a disc, its part of the view has this bound.
-        float factor = cosines / (distance2 * (distance2 + light.area * 0.318309886));
+        float factor = cosines / (distance2 * (distance2 + near_bound(light)));
         vec3 intensity = light.diffuse;
         vec3 direction = to / distance_;
         if (GLOSSY) intensity += glossy_intensity(surfaces, k, light.normal, direction);

@@ -13,8 +13,7 @@ layout(local_size_x = 128) in;
 layout(binding = 2) uniform samplerBuffer shaded_in; // colour, depth
 layout(std430, binding = 3) buffer SurfelKeys { uint64_t surfel_keys[]; };
 
-// Points this far behind the nearest, of its depth, still belong to the front.
-const float SAME_SURFACE = 0.05;
+#include "surfel_view/same_surface.glsl"
 
 void main() {
     if (gl_GlobalInvocationID.x >= point_view.count) return;
@@ -26,7 +25,8 @@ void main() {
     if (any(lessThan(at, vec2(0.0))) || at.x >= float(point_view.width) || at.y >= float(point_view.height)) return;
     uvec2 pixel = uvec2(at);
     uint slot = pixel.y * point_view.width + pixel.x;
-    if (view.z > texelFetch(shaded_in, int(slot)).w * (1.0 + SAME_SURFACE)) return;
+    float front = texelFetch(shaded_in, int(slot)).w;
+    if (view.z > front + same_surface(front)) return;
     vec2 off = at - vec2(pixel) - 0.5;
     // At an edge the side that is turned away comes last. The number in the cloud decides where two lie alike.
     float turned = dot(load_surfel(int(index)).normal, position - point_view.eye) > 0.0 ? 1.0 : 0.0;

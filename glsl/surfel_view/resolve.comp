@@ -16,9 +16,9 @@ layout(binding = 5, rgba32f) uniform writeonly imageBuffer surface_out;
 layout(binding = 6, rgba32f) uniform writeonly imageBuffer surface_normals_out;
 
 const uint NONE = 0xffffffffu;
-// Planes seen more edge-on than this cosine, or farther off than this share of the depth, tell no depth.
+#include "surfel_view/same_surface.glsl"
+// Planes seen more edge-on than this cosine tell no depth.
 const float EDGE_ON = 0.05;
-const float FAR_OFF = 0.05;
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
@@ -41,7 +41,7 @@ void main() {
     vec3 ray = pixel_ray(vec2(index % point_view.width, index / point_view.width) + 0.5);
     float towards = dot(facing, ray);
     float planar = dot(facing, place) / towards;
-    bool known = abs(towards) > EDGE_ON * length(ray) && abs(planar - place.z) <= FAR_OFF * place.z;
+    bool known = abs(towards) > EDGE_ON * length(ray) && abs(planar - place.z) <= same_surface(place.z);
     // What is seen from behind is lit from behind.
     vec3 side = dot(facing, place) > 0.0 ? -surfel.normal : surfel.normal;
     imageStore(surface_out, int(index), vec4(surfel.albedo, known ? planar : place.z));

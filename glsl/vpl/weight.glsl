@@ -32,7 +32,7 @@ Candidate candidate_of(Surfaces surfaces, uint light, Surfel surfel) {
     if (GLOSSY) candidate.intensity += glossy_intensity(surfaces, light, from.normal, direction);
     candidate.intensity *= cosine;
     float side = surfel.spacing * lamp_pass.spread;
-    candidate.facing = at_point * side * side / (distance2 + from.area * 0.318309886);
+    candidate.facing = at_point * side * side / (distance2 + near_bound(from));
     candidate.weight = luminance(candidate.intensity) / flux * candidate.facing * reflectance(surfaces, surfel.albedo);
     return candidate;
 }

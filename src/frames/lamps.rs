@@ -59,7 +59,7 @@ impl Default for LampSettings {
             ism_size: 32,
             ism_fill: 2,
             ism_points: 4096,
-            light_size: 256,
+            light_size: 512,
             surfaces: Surfaces::default(),
             memory_budget: super::Settings::DEFAULT_BUDGET,
         }
