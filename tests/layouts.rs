@@ -7,6 +7,7 @@ use relume::gpu::reflect::{Member, Reflection};
 use relume::gpu::shaders;
 use relume::passes::bin::Counts;
 use relume::passes::gbuffer::Draw;
+use relume::passes::lamp_view::LampPass;
 use relume::passes::points::PointView;
 use relume::passes::probe_light::ProbeConstants;
 use relume::passes::probe_object::{ShadeConstants, TransferConstants};
@@ -39,7 +40,7 @@ macro_rules! members {
     }};
 }
 
-fn push_constants() -> [Struct; 8] {
+fn push_constants() -> [Struct; 9] {
     [
         members!(Traversal {
             pixels as "pixels",
@@ -119,6 +120,29 @@ fn push_constants() -> [Struct; 8] {
             sharp_alpha as "sharp_alpha",
             mirror as "mirror",
         }),
+        members!(LampPass {
+            eye as "eye",
+            focal as "focal",
+            right as "right",
+            width as "width",
+            down as "down",
+            height as "height",
+            forward as "forward",
+            vpls as "vpls",
+            views as "views",
+            view as "view",
+            light_size as "light_size",
+            side as "side",
+            ism_size as "ism_size",
+            level as "level",
+            interleave as "interleave",
+            bounce as "bounce",
+            first as "first",
+            count as "count",
+            base as "base",
+            round as "round",
+            spread as "spread",
+        }),
     ]
 }
 
@@ -149,7 +173,7 @@ fn reflections() -> Vec<(&'static str, Reflection)> {
 #[test]
 fn push_constants_lie_alike_on_both_sides() {
     let structs = push_constants();
-    let mut seen = [0; 8];
+    let mut seen = [0; 9];
     for (shader, reflection) in reflections() {
         let block = &reflection.push_constants;
         if block.is_empty() {

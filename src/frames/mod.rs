@@ -4,6 +4,7 @@
 mod batch;
 pub mod composite;
 mod feedback;
+pub mod lamps;
 mod pixels;
 mod plan;
 pub mod points;

@@ -135,7 +135,7 @@ pub struct PointFrame {
 /// whose rasteriser has one pixel a point to work on.
 const QUICKER: PointGeometry = PointGeometry::Atomics;
 /// Points of one buffer: 64 MiB.
-const BUFFER_POINTS: usize = 64 * CHUNK;
+pub(super) const BUFFER_POINTS: usize = 64 * CHUNK;
 
 /// A cloud on the device, ready to be drawn at one size.
 pub struct PointRenderer {
@@ -214,11 +214,33 @@ impl PointRenderer {
         } else {
             vec![points.buffer((free as usize / CHUNK * CHUNK).min(BUFFER_POINTS))?]
         };
-        let images = PointImages::new(context, width, height)?;
+        Self::with_buffers(context, chunks, PointSettings { spacing: Some(spacing), ..settings }, points, buffers)
+    }
+
+    /// Draws the same points at another size, from the same memory.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size without pixels, [`Error::Limit`] where it does not fit the device.
+    pub fn beside(&self, width: u32, height: u32) -> Result<Self> {
+        check_size(width, height)?;
+        let settings = PointSettings { width, height, ..self.settings };
+        let points = PointsPass::new(&self.context, settings.geometry.unwrap_or(QUICKER), width, height)?;
+        let buffers = self.buffers.iter().map(|buffer| points.share(buffer)).collect::<Result<Vec<_>>>()?;
+        Self::with_buffers(&self.context, &self.chunks, settings, points, buffers)
+    }
+
+    fn with_buffers(
+        context: &Arc<Context>,
+        chunks: &Arc<PointChunks>,
+        settings: PointSettings,
+        points: PointsPass,
+        buffers: Vec<PointBuffer>,
+    ) -> Result<Self> {
+        let images = PointImages::new(context, settings.width, settings.height)?;
         let operators = PointOperators::new(context, &points, &images, settings.hidden)?;
         Ok(Self {
             context: context.clone(),
-            settings: PointSettings { spacing: Some(spacing), ..settings },
+            settings,
             chunks: chunks.clone(),
             points,
             buffers,
@@ -230,6 +252,11 @@ impl PointRenderer {
             setup: None,
             stale: false,
         })
+    }
+
+    /// The points on the device, [`BUFFER_POINTS`] a buffer; `None` where not all fit it at once.
+    pub(super) fn resident_buffers(&self) -> Option<&[PointBuffer]> {
+        self.resident().then_some(&self.buffers[..])
     }
 
     /// Lets an object cast its shadow from now on; nothing does for `None`.

@@ -4,6 +4,10 @@ pub mod bin;
 pub mod contact_shadow;
 pub mod convolve;
 pub mod gbuffer;
+pub mod ism;
+pub mod lamp_light;
+pub mod lamp_view;
+mod operator;
 pub mod point_operators;
 pub mod points;
 pub mod probe_light;
@@ -11,17 +15,19 @@ pub mod probe_object;
 pub mod rasterise;
 pub mod receivers;
 pub mod refine;
+pub mod surfel_view;
 pub mod tile_convolve;
 pub mod tile_radiance;
 pub mod trace;
 pub mod traverse;
+pub mod vpl;
 
 use std::sync::Arc;
 
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Bindings, Buffer, Constant, Context};
+use crate::gpu::{Bindings, Buffer, Constant, Context, Recorder, Use};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::{Error, Result};
 
@@ -93,6 +99,18 @@ pub struct ImageRegion {
     pub tiles_x: u32,
     /// Pixel slots in the receiver buffers.
     pub pixels: u32,
+}
+
+/// Records a pass that fills whole buffers with a word, after what used them before and before what writes them next.
+fn fill(recorder: &mut Recorder, name: &'static str, buffers: &[(&Buffer, u32)]) {
+    recorder.barrier(&[Use::ComputeWrite], &[Use::CopyTarget]);
+    recorder.pass(name, |device, commands| {
+        for (buffer, word) in buffers {
+            // SAFETY: the command buffer is recording and the buffers are live.
+            unsafe { device.cmd_fill_buffer(commands, buffer.handle, 0, vk::WHOLE_SIZE, *word) };
+        }
+    });
+    recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
 }
 
 /// Which parts of the method follow the paper to the letter instead of relume's corrections (`--paper`).

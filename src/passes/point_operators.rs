@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use ash::vk;
 
+use super::operator::Operator;
 use super::points::{PointView, PointsPass};
 use crate::Result;
 use crate::gpu::pipeline::DescriptorSet;
-use crate::gpu::{Bindings, Buffer, ComputePipeline, Constant, Context, Recorder, Use};
+use crate::gpu::{Bindings, Buffer, Constant, Context, Recorder, Use};
 
 /// How hidden points are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -136,30 +137,9 @@ impl PointImages {
     }
 }
 
-/// One operator and what it is bound to.
-struct Operator {
-    pipeline: ComputePipeline,
-    set: DescriptorSet,
-}
-
-impl Operator {
-    fn new(context: &Arc<Context>, shader: &str, constants: &[Constant], bindings: &Bindings<'_>) -> Result<Self> {
-        let pipeline = ComputePipeline::new(context, shader, constants)?;
-        let set = pipeline.bind(bindings)?;
-        Ok(Self { pipeline, set })
-    }
-
-    fn bind(&mut self, bindings: &Bindings<'_>) -> Result<()> {
-        self.set = self.pipeline.bind(bindings)?;
-        Ok(())
-    }
-
-    fn record(&self, recorder: &mut Recorder, name: &'static str, view: PointView) -> Result<()> {
-        let invocations = view.level_width * view.level_height;
-        recorder.pass(name, |_, commands| self.pipeline.dispatch(commands, &self.set, &view, invocations))?;
-        recorder.barrier(&[Use::ComputeWrite], &[Use::ComputeWrite, Use::CopySource]);
-        Ok(())
-    }
+/// Records an operator over the texels of a level.
+fn record_level(operator: &Operator, recorder: &mut Recorder, name: &'static str, view: PointView) -> Result<()> {
+    operator.record(recorder, name, &view, view.level_width * view.level_height)
 }
 
 /// All operators for images of one size.
@@ -227,9 +207,9 @@ impl PointOperators {
     ) -> Result<()> {
         points.resolve(recorder, &self.resolve, view)?;
         for level in 1..levels.levels.len() {
-            self.pyramid.record(recorder, "point pyramid", levels.step(view, level - 1, level))?;
+            record_level(&self.pyramid, recorder, "point pyramid", levels.step(view, level - 1, level))?;
         }
-        self.hidden.record(recorder, "hidden points", view)
+        record_level(&self.hidden, recorder, "hidden points", view)
     }
 
     /// Pull and push (3.2), and normals of all levels (3.3).
@@ -245,13 +225,13 @@ impl PointOperators {
         });
         recorder.barrier(&[Use::CopyTarget], &[Use::ComputeWrite]);
         for level in 1..levels.levels.len() {
-            self.pull.record(recorder, "pull", levels.step(view, level - 1, level))?;
+            record_level(&self.pull, recorder, "pull", levels.step(view, level - 1, level))?;
         }
         for level in (0..levels.levels.len() - 1).rev() {
-            self.push.record(recorder, "push", levels.step(view, level + 1, level))?;
+            record_level(&self.push, recorder, "push", levels.step(view, level + 1, level))?;
         }
         for level in 0..levels.levels.len() {
-            self.normals.record(recorder, "point normals", levels.step(view, level, level))?;
+            record_level(&self.normals, recorder, "point normals", levels.step(view, level, level))?;
         }
         Ok(())
     }
@@ -261,6 +241,6 @@ impl PointOperators {
     /// # Errors
     /// When the image is larger than a dispatch.
     pub fn shade(&self, recorder: &mut Recorder, view: PointView) -> Result<()> {
-        self.shade.record(recorder, "shade points", view)
+        record_level(&self.shade, recorder, "shade points", view)
     }
 }

@@ -103,7 +103,7 @@ pub struct PointRun {
 
 /// A buffer of points with what binds it.
 pub struct PointBuffer {
-    buffer: Buffer,
+    buffer: Arc<Buffer>,
     set: Option<DescriptorSet>,
 }
 
@@ -209,7 +209,15 @@ impl PointsPass {
         let bytes = (count * size_of::<PackedPoint>()) as u64;
         let buffer = Buffer::with_texels(&self.context, "points", bytes, vk::Format::R32G32B32A32_UINT)?;
         let set = self.bind(&buffer)?;
-        Ok(PointBuffer { buffer, set })
+        Ok(PointBuffer { buffer: Arc::new(buffer), set })
+    }
+
+    /// The same points, to be drawn by this pass.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn share(&self, points: &PointBuffer) -> Result<PointBuffer> {
+        Ok(PointBuffer { buffer: points.buffer.clone(), set: self.bind(&points.buffer)? })
     }
 
     /// Records the pass for runs of points of a buffer; `clear` for the first buffer of an image.
@@ -313,6 +321,11 @@ impl PointBuffer {
     /// Points that fit.
     pub fn capacity(&self) -> usize {
         self.buffer.size as usize / size_of::<PackedPoint>()
+    }
+
+    /// The points, for passes of other kinds.
+    pub fn buffer(&self) -> &Buffer {
+        &self.buffer
     }
 
     /// Fills the beginning of the buffer.

@@ -1,7 +1,7 @@
 //! A cloud in chunks for drawing: points in Morton order, a box around each chunk, and within a chunk an order of which
 //! every beginning is spread over the whole of it, so that a part of a cloud can be drawn as a thinner cloud.
 
-use glam::Vec3;
+use glam::{Vec2Swizzles, Vec3};
 use rayon::prelude::*;
 
 use super::hierarchy::Hierarchy;
@@ -15,6 +15,10 @@ pub const CHUNK: usize = 1 << 16;
 
 /// A point as the device takes it: position as float bits, and colour in RGB9E5.
 pub type PackedPoint = [u32; 4];
+
+/// What lights need of a point besides: its unit normal on an octahedron, x and y in 16 bits each, and its spacing in
+/// metres as float bits.
+pub type PackedSurfel = [u32; 2];
 
 /// A run of points and the box that they lie in.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,6 +38,8 @@ pub struct Chunk {
 pub struct PointChunks {
     /// Positions and colours.
     pub points: Vec<PackedPoint>,
+    /// Normals and spacings in the same order; empty where the cloud has no normals.
+    pub surfels: Vec<PackedSurfel>,
     /// What they are divided into, in Morton order.
     pub chunks: Vec<Chunk>,
     /// Typical distance between neighbours, metres: s_0 of Bouchiba et al. 2018.
@@ -46,7 +52,7 @@ impl PointChunks {
     /// # Errors
     /// [`Error::Limit`] for more points than 32 bits count.
     pub fn new(cloud: &Cloud) -> Result<Self> {
-        Self::from_points(&cloud.positions, &cloud.colors, &cloud.spacing)
+        Self::sorted(&cloud.positions, &cloud.colors, &cloud.spacing, &cloud.normals)
     }
 
     /// The leaves of a hierarchy: all points where nothing was pruned.
@@ -59,10 +65,12 @@ impl PointChunks {
             let [x, y, z, radius] = hierarchy.spheres[*node];
             (Vec3::new(x, y, z), Vec3::from(hierarchy.colors[*node]), radius)
         };
+        let normals: Vec<Vec3> =
+            leaves.iter().map(|node| Vec3::from(hierarchy.area_vectors[*node]).normalize_or_zero()).collect();
         let positions: Vec<Vec3> = leaves.iter().map(|node| pick(node).0).collect();
         let colors: Vec<Vec3> = leaves.iter().map(|node| pick(node).1).collect();
         let spacing: Vec<f32> = leaves.iter().map(|node| pick(node).2).collect();
-        Self::from_points(&positions, &colors, &spacing)
+        Self::sorted(&positions, &colors, &spacing, &normals)
     }
 
     /// The same from arrays of the same length; `spacing` may be empty.
@@ -70,6 +78,11 @@ impl PointChunks {
     /// # Errors
     /// [`Error::Limit`] for more points than 32 bits count.
     pub fn from_points(positions: &[Vec3], colors: &[Vec3], spacing: &[f32]) -> Result<Self> {
+        Self::sorted(positions, colors, spacing, &[])
+    }
+
+    /// `spacing` and `normals` may be empty.
+    fn sorted(positions: &[Vec3], colors: &[Vec3], spacing: &[f32], normals: &[Vec3]) -> Result<Self> {
         let count = positions.len();
         if u32::try_from(count).is_err() {
             return Err(Error::Limit(format!("{count} points; at most {} can be drawn", u32::MAX)));
@@ -91,6 +104,19 @@ impl PointChunks {
                     .collect()
             })
             .collect();
+        let typical = typical_spacing(spacing, count, high - low);
+        let surfel = |index: usize| {
+            let [x, y] = octahedral(normals[index]);
+            [x | y << 16, spacing.get(index).copied().unwrap_or(typical).to_bits()]
+        };
+        let surfels: Vec<Vec<PackedSurfel>> = if normals.is_empty() {
+            Vec::new()
+        } else {
+            order
+                .par_chunks(CHUNK)
+                .map(|chunk| spread_order(chunk.len()).map(|k| surfel(chunk[k].1 as usize)).collect())
+                .collect()
+        };
         let mut first = 0;
         let mut chunks = Vec::with_capacity(sorted.len());
         for chunk in &sorted {
@@ -98,8 +124,20 @@ impl PointChunks {
             chunks.push(Chunk { first, count: chunk.len(), low, high });
             first += chunk.len();
         }
-        Ok(Self { points: sorted.concat(), chunks, spacing: typical_spacing(spacing, count, high - low) })
+        Ok(Self { points: sorted.concat(), surfels: surfels.concat(), chunks, spacing: typical })
     }
+}
+
+/// A unit vector on an octahedron's square, each side in 16 bits with a sign; a zero vector as +Z.
+fn octahedral(normal: Vec3) -> [u32; 2] {
+    let size = normal.abs().element_sum();
+    if !(size > 0.0) {
+        return [0, 0];
+    }
+    let place = normal.truncate() / size;
+    let folded = (1.0 - place.yx().abs()) * place.signum();
+    let place = if normal.z < 0.0 { folded } else { place };
+    place.to_array().map(|side| u32::from((side * 32_767.0).round() as i16 as u16))
 }
 
 /// Lower and upper corner; zeros without points.
@@ -165,6 +203,35 @@ mod tests {
         positions.reverse();
         let again = PointChunks::from_points(&positions, &colors, &[]).expect("few points");
         assert_eq!(again.chunks, chunks.chunks);
+    }
+
+    #[test]
+    fn normals_and_spacings_follow_their_points() {
+        let mut random = crate::reference::sampling::Random::new(1, 1);
+        let count = 1000;
+        let mut cloud = Cloud::default();
+        for n in 0..count {
+            let (a, b) = (random.square(), random.square());
+            cloud.positions.push(Vec3::new(a.x, a.y, n as f32));
+            cloud.colors.push(Vec3::ONE);
+            cloud.normals.push((Vec3::new(a.x, a.y, b.x) - 0.5).normalize_or(Vec3::NEG_Z));
+            cloud.spacing.push(b.y);
+        }
+        let chunks = PointChunks::new(&cloud).expect("few points");
+        assert_eq!(chunks.surfels.len(), count);
+        for (point, surfel) in chunks.points.iter().zip(&chunks.surfels) {
+            let n = f32::from_bits(point[2]) as usize;
+            assert_eq!(f32::from_bits(surfel[1]), cloud.spacing[n]);
+            // As `load_surfel` in `glsl/common/surfel.glsl`.
+            let [x, y] = [surfel[0] as u16, (surfel[0] >> 16) as u16].map(|bits| f32::from(bits as i16) / 32_767.0);
+            let mut normal = Vec3::new(x, y, 1.0 - x.abs() - y.abs());
+            if normal.z < 0.0 {
+                let side = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
+                (normal.x, normal.y) = ((1.0 - y.abs()) * side(x), (1.0 - x.abs()) * side(y));
+            }
+            assert!(normal.normalize().distance(cloud.normals[n]) < 1e-3, "{normal} instead of {}", cloud.normals[n]);
+        }
+        assert!(PointChunks::from_points(&cloud.positions, &cloud.colors, &[]).expect("points").surfels.is_empty());
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod cut;
 mod emitters;
 pub mod gather;
 pub mod harmonics;
+pub mod lamps;
 pub mod patches;
 pub mod path_tracer;
 pub mod points;

@@ -223,6 +223,24 @@ pub fn toy_room() -> Room {
     room
 }
 
+/// A box of 2 x 2 x 2 m on the floor about x = z = 0 that is open at +Z, with a red wall at -X, a green one at +X, a tall
+/// and a short block (after Goral et al. 1984). Nothing emits.
+pub fn cornell_box() -> Room {
+    let low = Vec3::new(-1.0, 0.0, -1.0);
+    let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z * 2.0);
+    let white = Vec3::splat(0.73);
+    let mut room = Room::default();
+    room.add(low, z, x, white);
+    room.add(low + y, x, z, white);
+    room.add(low, x, y, white);
+    room.add(low, y, z, Vec3::new(0.63, 0.065, 0.05));
+    room.add(low + x, z, y, Vec3::new(0.14, 0.45, 0.091));
+    let standing = Face::STANDING;
+    room.add_block(Vec3::new(-0.34, 0.0, -0.36), Vec3::new(0.58, 1.2, 0.58), 17.0, white, standing);
+    room.add_block(Vec3::new(0.36, 0.0, 0.3), Vec3::new(0.58, 0.58, 0.58), -17.0, white, standing);
+    room
+}
+
 /// A colonnade of 12 x 6 x 20 m about x = z = 0: a nave with skylights between two aisles, balconies with balusters
 /// above them, a tall window and many lamps; several hundred rectangles.
 pub fn hall() -> Room {

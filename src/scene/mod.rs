@@ -1,10 +1,11 @@
-//! What exists in the world: clouds, objects, cameras, far fields, pictures, places; and spherical harmonics, as which
+//! What exists in the world: clouds, objects, cameras, far fields, lamps, pictures, places; and spherical harmonics, as which
 //! light and what objects do with it are described.
 
 pub mod camera;
 pub mod cloud;
 pub mod far_field;
 pub mod harmonics;
+pub mod lamp;
 pub mod object;
 pub mod picture;
 pub mod placement;
@@ -12,6 +13,7 @@ pub mod placement;
 pub use camera::Camera;
 pub use cloud::Cloud;
 pub use far_field::FarField;
+pub use lamp::{Lamp, LampKind};
 pub use object::{Material, Object, Primitive, Texture, TextureRef, Vertex};
 pub use picture::Picture;
 pub use placement::{Placement, Viewpoint};

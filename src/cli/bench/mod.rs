@@ -1,5 +1,6 @@
 //! `relume bench`: measurements.
 
+mod lamps;
 mod microbuffers;
 mod pbgi;
 mod points;
@@ -21,6 +22,8 @@ pub(super) enum Verb {
     Points(points::Args),
     /// Projection, streams and transfer of light probes: Hajisharif et al. 2012, Tables 1 and 2
     Probes(probes::Args),
+    /// A cloud in the light of a lamp, over bounces, lights and maps: Preiner 2010, Figures 9 to 12
+    Lamps(lamps::Args),
 }
 
 pub(super) fn run(verb: &Verb) -> Result<()> {
@@ -30,5 +33,6 @@ pub(super) fn run(verb: &Verb) -> Result<()> {
         Verb::Truth(args) => truth::run(args),
         Verb::Points(args) => points::run(args),
         Verb::Probes(args) => probes::run(args),
+        Verb::Lamps(args) => lamps::run(args),
     }
 }

@@ -1,0 +1,228 @@
+//! `relume bench lamps`: Figures 10 and 11 of Preiner 2010 as tables, frame time over bounces, lights, interleaving and
+//! the size of shadow maps; and Figures 9 and 12 as contact sheets.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::Vec3;
+use serde::Serialize;
+
+use crate::cli::output::say;
+use crate::cli::{progress, render, values};
+use crate::compare::{Image, Tile, contact_sheet, to_srgb8};
+use crate::formats::image::write_png;
+use crate::frames::lamps::{LampFrame, LampRenderer, LampSettings};
+use crate::gpu::{Context, ContextOptions, Profile};
+use crate::preprocess::point_chunks::PointChunks;
+use crate::reference::path_tracer::PathTracer;
+use crate::reference::rooms::cornell_box;
+use crate::scene::{Camera, Lamp};
+use crate::{Error, Result};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Args {
+    /// 1 million points alone
+    #[arg(long)]
+    quick: bool,
+    /// Image size
+    #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true, default_value = "256x256")]
+    size: (u32, u32),
+    /// The numbers
+    #[arg(long, value_name = "FILE.json")]
+    json: Option<PathBuf>,
+    /// A contact sheet of 1 to 4 bounces, interleaved and not: the paper's Figures 9 and 12
+    #[arg(long, value_name = "FILE.png")]
+    sheet: Option<PathBuf>,
+}
+
+/// Frames of which the median is taken, after one that warms up.
+const FRAMES: usize = 3;
+/// Points and images of any size that is measured fit this.
+const BUDGET: u64 = 2 << 30;
+/// Under the ceiling, past the tall block.
+const LAMP: &str = "spot at=0,1.9,0.4 to=0.1,0,-0.2 power=40 angle=80";
+const CAMERA: Camera = Camera { from: Vec3::new(0.0, 1.0, 3.7), at: Vec3::new(0.0, 1.0, 0.0), fov_y: 0.7 };
+
+/// One way of rendering one cloud; times in milliseconds.
+#[derive(Serialize)]
+struct Row {
+    points: usize,
+    bounces: u32,
+    vpls: u32,
+    interleave: u32,
+    ism_size: u32,
+    /// Rounds of all points over all maps in a bounce.
+    ism_rounds: u64,
+    frame_ms: f64,
+    /// The point passes of the camera's and the lamp's view.
+    geometry_ms: f64,
+    ism_ms: f64,
+    gather_ms: f64,
+    redistribute_ms: f64,
+    /// Maps, gathering and redistribution of a bounce in multiples of the geometry passes.
+    bounce_over_geometry: f64,
+}
+
+/// Contents of `--json`.
+#[derive(Serialize)]
+struct Report<'a> {
+    device: &'a str,
+    width: u32,
+    height: u32,
+    rows: &'a [Row],
+}
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    if let Some(json) = &args.json {
+        values::check_output(json, &["json"])?;
+    }
+    if let Some(sheet) = &args.sheet {
+        values::check_output(sheet, &["png"])?;
+    }
+    let context = Context::new(&ContextOptions::default())?;
+    let (width, height) = args.size;
+    say!("{}; {width}x{height}, the Cornell box, a spot; medians of {FRAMES} frames, ms\n", context.capabilities.name)?;
+    let base = LampSettings { width, height, memory_budget: BUDGET, ..LampSettings::default() };
+    // One thing after the other changes. A round over the points whatever the number of maps, as in the paper.
+    let once = LampSettings { ism_points: 1, ..base };
+    let mut wanted = Vec::new();
+    wanted.extend([1, 2, 3, 4].map(|bounces| LampSettings { bounces, ..once }));
+    wanted.extend([64, 1024].map(|vpls| LampSettings { vpls, ..once }));
+    wanted.extend([1, 4].map(|interleave| LampSettings { interleave, ..once }));
+    wanted.extend([16, 64].map(|ism_size| LampSettings { ism_size, ..once }));
+    // An atlas of the same size, shared by few lights or by many: the paper's maps take the same time then.
+    wanted.extend([(1024, 32), (4096, 16)].map(|(vpls, ism_size)| LampSettings { vpls, ism_size, ..once }));
+    wanted.push(base);
+    let sizes: &[usize] = if args.quick { &[1_000_000] } else { &[1_000_000, 5_000_000] };
+    let bar = progress::bar("measuring", (sizes.len() * wanted.len()) as u64);
+    let lamp: Lamp = LAMP.parse().map_err(Error::Argument)?;
+    let mut rows = Vec::new();
+    for points in sizes {
+        let chunks = scan(*points)?;
+        for settings in &wanted {
+            rows.push(measure(&context, &chunks, *settings, &lamp)?);
+            bar.inc(1);
+        }
+        if let Some(path) = args.sheet.as_ref().filter(|_| *points == sizes[0]) {
+            sheet(&context, &chunks, base, &lamp, path)?;
+        }
+    }
+    bar.finish_and_clear();
+    say!(
+        "{:>8} {:>7} {:>6} {:>10} {:>8} {:>6}  {:>8} {:>8} {:>8} {:>8} {:>12}  {:>15}",
+        "points",
+        "bounces",
+        "lights",
+        "interleave",
+        "map side",
+        "rounds",
+        "frame",
+        "geometry",
+        "maps",
+        "gather",
+        "redistribute",
+        "bounce/geometry"
+    )?;
+    for row in &rows {
+        say!(
+            "{:>8} {:>7} {:>6} {:>10} {:>8} {:>6}  {:>8.1} {:>8.1} {:>8.1} {:>8.1} {:>12.1}  {:>15.1}",
+            row.points,
+            row.bounces,
+            row.vpls,
+            row.interleave,
+            row.ism_size,
+            row.ism_rounds,
+            row.frame_ms,
+            row.geometry_ms,
+            row.ism_ms,
+            row.gather_ms,
+            row.redistribute_ms,
+            row.bounce_over_geometry
+        )?;
+    }
+    if let Some(path) = &args.json {
+        render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows })?;
+    }
+    Ok(())
+}
+
+fn scan(points: usize) -> Result<Arc<PointChunks>> {
+    PointChunks::new(&PathTracer::new(cornell_box())?.albedo_cloud(points, 1)).map(Arc::new)
+}
+
+/// Medians over frames.
+fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSettings, lamp: &Lamp) -> Result<Row> {
+    const MAPS: [&str; 3] = ["clear shadow maps", "shadow maps", "fill shadow maps"];
+    const NEXT: [&str; 3] = ["clear candidates", "candidates", "next lights"];
+    const LIGHT: [&str; 7] = [
+        "clear lamp views",
+        "lamp view",
+        "importance",
+        "place lights",
+        "direct light",
+        "gather lights",
+        "compose light",
+    ];
+    let mut renderer = LampRenderer::new(context, chunks, settings)?;
+    let mut frames: Vec<LampFrame> = Vec::new();
+    for frame in 0..=FRAMES {
+        let frame_of = renderer.render(&CAMERA, std::slice::from_ref(lamp))?;
+        if frame > 0 {
+            frames.push(frame_of);
+        }
+    }
+    let time = |picks: &dyn Fn(&str) -> bool| {
+        let of = |profile: &Profile| {
+            profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, pass)| pass.gpu_ms).sum::<f64>()
+        };
+        let mut times: Vec<f64> = frames.iter().map(|frame| of(&frame.profile)).collect();
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    };
+    let geometry_ms = time(&|name| !MAPS.contains(&name) && !NEXT.contains(&name) && !LIGHT.contains(&name));
+    let (ism_ms, gather_ms) = (time(&|name| MAPS.contains(&name)), time(&|name| name == "gather lights"));
+    let redistribute_ms = time(&|name| NEXT.contains(&name));
+    let bounces = f64::from(settings.bounces);
+    // Lights are placed anew one time less than there are bounces.
+    let bounce = (ism_ms + gather_ms) / bounces + redistribute_ms / (bounces - 1.0).max(1.0);
+    let splats = frames[0].profile.passes.get("shadow maps").map_or(0, |pass| pass.runs);
+    Ok(Row {
+        points: chunks.points.len(),
+        bounces: settings.bounces,
+        vpls: settings.vpls,
+        interleave: settings.interleave,
+        ism_size: settings.ism_size,
+        ism_rounds: splats / u64::from(settings.bounces),
+        frame_ms: time(&|_| true),
+        geometry_ms,
+        ism_ms,
+        gather_ms,
+        redistribute_ms,
+        bounce_over_geometry: bounce / geometry_ms,
+    })
+}
+
+/// Pictures of 1 to 4 bounces, not interleaved and by 4 x 4 pixels.
+fn sheet(
+    context: &Arc<Context>,
+    chunks: &Arc<PointChunks>,
+    base: LampSettings,
+    lamp: &Lamp,
+    path: &Path,
+) -> Result<()> {
+    let mut tiles = Vec::new();
+    for (interleave, bounces) in [1, 4].into_iter().flat_map(|interleave| (1..=4).map(move |b| (interleave, b))) {
+        let settings = LampSettings { interleave, bounces, ..base };
+        let frame = LampRenderer::new(context, chunks, settings)?.render(&CAMERA, std::slice::from_ref(lamp))?;
+        let rgb = frame.color_depth.iter().map(|[r, g, b, _]| Vec3::new(*r, *g, *b)).collect();
+        tiles.push(Tile {
+            // A stop darker, for what the lamp shines at.
+            image: to_srgb8(&Image::opaque(frame.width, frame.height, rgb)?, -1.0)?,
+            title: format!("{bounces} bounces"),
+            caption: format!("interleaved {interleave}x{interleave}, {:.0} ms", frame.wall_ms),
+        });
+    }
+    let title = format!("Preiner 2010, Figures 9 and 12: {} lights", base.vpls);
+    let image = contact_sheet(&title, 4, &tiles)?;
+    write_png(path, image.width(), image.height(), &image)
+}

@@ -1,0 +1,331 @@
+//! A cloud in the light of lamps that are not in the scan: direct light and several bounces of it by virtual point lights
+//! with imperfect shadow maps (Preiner 2010).
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use ash::vk;
+use glam::Vec3;
+
+use super::points::{BUFFER_POINTS, PointRenderer, PointSettings};
+use crate::gpu::{Buffer, Context, Profile, Recorder};
+use crate::passes::ism::IsmPass;
+use crate::passes::lamp_light::LampLightPass;
+use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
+use crate::passes::points::PointView;
+use crate::passes::surfel_view::SurfelViewPass;
+use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
+use crate::preprocess::point_chunks::PointChunks;
+use crate::scene::{Camera, Lamp};
+use crate::{Error, Result};
+
+pub use crate::passes::lamp_view::Surfaces;
+
+/// Everything that the picture of a lit cloud depends on besides cloud, camera and lamps.
+#[derive(Clone, Copy, Debug)]
+pub struct LampSettings {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Times that light is reflected; 0 for direct light alone.
+    pub bounces: u32,
+    /// Virtual point lights a bounce, a multiple of 16.
+    pub vpls: u32,
+    /// Side of the blocks of pixels that share all lights among them: 1, 2 or 4.
+    pub interleave: u32,
+    /// Texels along a side of a light's shadow map, a power of two.
+    pub ism_size: u32,
+    /// Steps of pull and push that fill its holes.
+    pub ism_fill: u32,
+    /// Points that a map gets at least, by as many rounds over the cloud as that takes.
+    pub ism_points: u32,
+    /// Pixels along a side of a lamp's view, a power of two.
+    pub light_size: u32,
+    /// What all surfaces are made of.
+    pub surfaces: Surfaces,
+    /// Most bytes of device objects.
+    pub memory_budget: u64,
+}
+
+impl Default for LampSettings {
+    fn default() -> Self {
+        Self {
+            width: 512,
+            height: 512,
+            bounces: 2,
+            vpls: 256,
+            interleave: 2,
+            ism_size: 32,
+            ism_fill: 2,
+            ism_points: 4096,
+            light_size: 512,
+            surfaces: Surfaces::default(),
+            memory_budget: super::Settings::DEFAULT_BUDGET,
+        }
+    }
+}
+
+impl LampSettings {
+    /// Bounces that can be asked for.
+    pub const BOUNCES: std::ops::RangeInclusive<u32> = 0..=8;
+    /// Lights that can be asked for.
+    pub const VPLS: std::ops::RangeInclusive<u32> = 16..=16_384;
+    /// Sizes of shadow maps that can be asked for.
+    pub const ISM_SIZE: std::ops::RangeInclusive<u32> = 8..=256;
+    /// Most views of lamps at once, of which a point takes six.
+    pub const MOST_VIEWS: usize = 64;
+
+    /// [`Error::Argument`] about the first setting that makes no sense.
+    fn check(&self) -> Result<()> {
+        let Self { bounces, vpls, interleave, ism_size, light_size, surfaces, .. } = *self;
+        let share = |value: f32| (0.0..=1.0).contains(&value);
+        let problem = if !Self::BOUNCES.contains(&bounces) {
+            format!("{bounces} bounces of light; at most {}", Self::BOUNCES.end())
+        } else if !Self::VPLS.contains(&vpls) || vpls % 16 != 0 {
+            let (low, high) = (Self::VPLS.start(), Self::VPLS.end());
+            format!("{vpls} virtual point lights; a multiple of 16 from {low} to {high}")
+        } else if ![1, 2, 4].contains(&interleave) {
+            format!("an interleaving of {interleave}; it is 1, 2 or 4")
+        } else if !Self::ISM_SIZE.contains(&ism_size) || !ism_size.is_power_of_two() {
+            let (low, high) = (Self::ISM_SIZE.start(), Self::ISM_SIZE.end());
+            format!("shadow maps of {ism_size} texels a side; a power of two from {low} to {high}")
+        } else if !(16..=2048).contains(&light_size) || !light_size.is_power_of_two() {
+            format!("views of lamps of {light_size} pixels a side; a power of two from 16 to 2048")
+        } else if !(share(surfaces.diffuse) && share(surfaces.specular) && surfaces.diffuse + surfaces.specular <= 1.0)
+        {
+            "surfaces that reflect more light than they get, or less than none".to_owned()
+        } else if !(1.0..=10_000.0).contains(&surfaces.shininess) {
+            format!("a shininess of {}; it is 1 to 10000", surfaces.shininess)
+        } else {
+            return Ok(());
+        };
+        Err(Error::Argument(problem))
+    }
+}
+
+/// A picture of a lit cloud, row by row from the top.
+#[derive(Clone, Debug, Default)]
+pub struct LampFrame {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Radiance that the lamps' light leaves the surface with, and depth along the view in metres; 0 where nothing is.
+    pub color_depth: Vec<[f32; 4]>,
+    /// Times and counts by pass.
+    pub profile: Profile,
+    /// Wall time, milliseconds.
+    pub wall_ms: f64,
+}
+
+/// A cloud on the device, ready to be lit.
+pub struct LampRenderer {
+    context: Arc<Context>,
+    settings: LampSettings,
+    /// The camera's view, whose memory has the points.
+    camera: PointRenderer,
+    /// One view of a lamp after the other.
+    lamp: PointRenderer,
+    surfels: Vec<Buffer>,
+    count: u32,
+    /// Bounding sphere of the cloud.
+    bounds: (Vec3, f32),
+    /// Surface of the cloud, square metres.
+    area: f32,
+    /// Typical distance between its points, metres.
+    spacing: f32,
+    lights: VplBuffers,
+    passes: Option<Passes>,
+}
+
+/// What depends on the number of views.
+struct Passes {
+    side: u32,
+    lamp_surface: SurfelViewPass,
+    camera_surface: SurfelViewPass,
+    views: LampViewPass,
+    ism: IsmPass,
+    vpl: VplPass,
+    light: LampLightPass,
+}
+
+impl LampRenderer {
+    /// Uploads the cloud and makes everything that pictures need.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for settings that make no sense or a cloud without normals, [`Error::Limit`] where not all
+    /// fits the budget or the device.
+    pub fn new(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSettings) -> Result<Self> {
+        settings.check()?;
+        let LampSettings { width, height, memory_budget, light_size, vpls, .. } = settings;
+        if chunks.surfels.len() != chunks.points.len() {
+            return Err(Error::Argument("lamps need a cloud with normals, and this one has none".into()));
+        }
+        let points = PointSettings { width, height, memory_budget, ..PointSettings::default() };
+        let camera = PointRenderer::new(context, chunks, points)?;
+        if camera.resident_buffers().is_none() {
+            return Err(Error::Limit(format!(
+                "{} points do not fit a memory budget of {} MiB, and lamps need all of them at once",
+                chunks.points.len(),
+                memory_budget >> 20
+            )));
+        }
+        let lamp = camera.beside(light_size, light_size)?;
+        let surfels = if chunks.surfels.is_empty() {
+            vec![Buffer::with_texels(context, "surfels", 16, vk::Format::R32G32_UINT)?]
+        } else {
+            let upload = |part: &[_]| Buffer::texels_from_slice(context, "surfels", part, vk::Format::R32G32_UINT);
+            chunks.surfels.chunks(BUFFER_POINTS).map(upload).collect::<Result<_>>()?
+        };
+        let (low, high) = chunks.chunks.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), chunk| {
+            (low.min(chunk.low), high.max(chunk.high))
+        });
+        let bounds =
+            if low.is_finite() { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (Vec3::ZERO, 1.0) };
+        let area = chunks.surfels.iter().map(|surfel| f64::from(f32::from_bits(surfel[1])).powi(2)).sum::<f64>() as f32;
+        let lights = VplBuffers::new(context, vpls)?;
+        Ok(Self {
+            context: context.clone(),
+            settings,
+            camera,
+            lamp,
+            surfels,
+            count: chunks.points.len() as u32,
+            bounds,
+            area,
+            spacing: chunks.spacing,
+            lights,
+            passes: None,
+        })
+    }
+
+    /// Renders a picture in the light of these lamps.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more lamps than fit, and Vulkan's own errors.
+    pub fn render(&mut self, camera: &Camera, lamps: &[Lamp]) -> Result<LampFrame> {
+        let start = Instant::now();
+        let mut profile = Profile::default();
+        self.draw(camera, lamps, &mut profile)?;
+        let LampSettings { width, height, .. } = self.settings;
+        let pixels = width as usize * height as usize;
+        let color_depth = match &self.passes {
+            Some(passes) => passes.light.lit.download(pixels)?,
+            None => Vec::new(),
+        };
+        let wall_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(LampFrame { width, height, color_depth, profile, wall_ms })
+    }
+
+    /// Irradiance of the last picture, straight from the lamps and after all bounces, a pixel.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn irradiance(&self) -> Result<[Vec<[f32; 4]>; 2]> {
+        let pixels = self.settings.width as usize * self.settings.height as usize;
+        let Some(passes) = &self.passes else { return Ok([Vec::new(), Vec::new()]) };
+        Ok([passes.light.direct.download(pixels)?, passes.light.bounced.download(pixels)?])
+    }
+
+    /// All passes of a picture.
+    fn draw(&mut self, camera: &Camera, lamps: &[Lamp], profile: &mut Profile) -> Result<()> {
+        let LampSettings { width, height, bounces, vpls, light_size, ism_size, ism_points, interleave, .. } =
+            self.settings;
+        let views: Vec<LampView> =
+            lamps.iter().flat_map(|lamp| LampView::of_lamp(lamp, self.bounds, light_size)).collect();
+        self.prepare(views.len())?;
+        let rounds = rounds(self.count, vpls, ism_points);
+        let Some(passes) = &self.passes else { return Ok(()) };
+        let pass = LampPass {
+            vpls,
+            views: views.len() as u32,
+            light_size,
+            side: passes.side,
+            ism_size,
+            interleave,
+            spread: (vpls as f32 / rounds as f32).sqrt(),
+            ..LampPass::new(camera, width, height)
+        };
+        passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
+
+        // The light G-buffers, and where they are important (4.1, 4.2).
+        let mut recorder = Recorder::new(&self.context)?;
+        passes.views.clear(&mut recorder);
+        recorder.finish(profile)?;
+        for (view, number) in views.iter().zip(0..) {
+            self.lamp.draw(&view.camera, profile)?;
+            let mut recorder = Recorder::new(&self.context)?;
+            let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
+            passes.lamp_surface.record(&mut recorder, &self.lit_points(), seen)?;
+            passes.views.copy(&mut recorder, LampPass { view: number, ..pass })?;
+            recorder.finish(profile)?;
+        }
+        // The camera G-buffer (4.1) and direct light.
+        self.camera.draw(camera, profile)?;
+        let points = self.lit_points();
+        let mut recorder = Recorder::new(&self.context)?;
+        let seen = PointView::new(camera, width, height, self.spacing);
+        passes.camera_surface.record(&mut recorder, &points, seen)?;
+        passes.views.pyramid(&mut recorder, pass)?;
+        passes.light.direct(&mut recorder, pass)?;
+        // The first lights (4.2), and bounce by bounce their maps (4.3), their light (4.4) and the next (4.5).
+        passes.vpl.place(&mut recorder, pass)?;
+        for bounce in 0..bounces {
+            let (pass, now) = (LampPass { bounce, ..pass }, (bounce % 2) as usize);
+            passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
+            passes.light.gather(&mut recorder, pass, now)?;
+            if bounce + 1 < bounces {
+                passes.vpl.redistribute(&mut recorder, &points, (pass, rounds), now)?;
+            }
+        }
+        passes.light.compose(&mut recorder, pass)?;
+        recorder.finish(profile)
+    }
+
+    /// Makes what the number of views asks for, unless it is there.
+    fn prepare(&mut self, views: usize) -> Result<()> {
+        if views > LampSettings::MOST_VIEWS {
+            let most = LampSettings::MOST_VIEWS;
+            return Err(Error::Limit(format!("lamps with {views} views; at most {most}, of which a point takes six")));
+        }
+        let side = (views.max(1) as f64).sqrt().ceil() as u32;
+        let side = side.next_power_of_two();
+        if self.passes.as_ref().is_some_and(|passes| passes.side == side) {
+            return Ok(());
+        }
+        self.passes = None;
+        let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
+        let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
+        let points = self.lit_points();
+        let lamp_surface = SurfelViewPass::new(context, self.lamp.images(), &points)?;
+        let camera_surface = SurfelViewPass::new(context, self.camera.images(), &points)?;
+        let views = LampViewPass::new(context, &lamp_surface, light_size, side)?;
+        let ism = IsmPass::new(context, lights, &views, &points, (vpls, ism_size, ism_fill))?;
+        let vpl = VplPass::new(context, (lights, vpls), (&views, &ism), &points, glossy)?;
+        let LampSettings { width, height, .. } = self.settings;
+        let surface = (&camera_surface, width, height);
+        let light = LampLightPass::new(context, surface, lights, (&views, &ism), glossy)?;
+        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light });
+        Ok(())
+    }
+
+    /// The points with their normals, by buffer.
+    fn lit_points(&self) -> Vec<LitPoints<'_>> {
+        let buffers = self.camera.resident_buffers().unwrap_or_default();
+        let most = BUFFER_POINTS as u32;
+        let part = |(index, (points, surfels)): (u32, (_, _))| {
+            let points: &crate::passes::points::PointBuffer = points;
+            let base = index * most;
+            LitPoints { points: points.buffer(), surfels, base, count: most.min(self.count - base) }
+        };
+        (0..).zip(buffers.iter().zip(&self.surfels)).map(part).collect()
+    }
+}
+
+/// Rounds of all points over all maps that give every map enough of them; more than a few are no gain.
+fn rounds(points: u32, maps: u32, wanted: u32) -> u32 {
+    const MOST: u64 = 16;
+    let all = u64::from(maps) * u64::from(wanted);
+    all.div_ceil(u64::from(points.max(1))).clamp(1, MOST) as u32
+}

@@ -1,0 +1,272 @@
+//! Lamps that are not in the scan (Preiner 2010; its section 6 for what is no spot).
+//!
+//! Everything is in the relative units of the cloud: a white diffuse surface with an irradiance of pi W/m^2 in a channel
+//! has the radiance 1, the white of an 8-bit cloud. A lamp's power is what it emits in a channel where its colour is 1.
+//!
+//! | kind | radiant intensity or irradiance, a channel |
+//! | --- | --- |
+//! | spot | I = power * colour / (2 pi (1 - cos(angle / 2))) W/sr within its cone, nothing outside; E = I cos / distance^2 |
+//! | point | I = power * colour / (4 pi) W/sr everywhere; E = I cos / distance^2 |
+//! | sun | E = power * colour * cos; its power is in W/m^2 across its light |
+
+use std::f32::consts::TAU;
+use std::fmt;
+use std::str::FromStr;
+
+use glam::Vec3;
+
+/// What sends the light out, and where to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LampKind {
+    /// A cone from a point, alike in all directions within it.
+    Spot {
+        /// The point, world space, metres.
+        at: Vec3,
+        /// The cone's axis, unit length.
+        direction: Vec3,
+        /// Between axis and rim, radians, above 0 and below pi / 2.
+        half_angle: f32,
+    },
+    /// A point that shines alike in all directions.
+    Point {
+        /// The point, world space, metres.
+        at: Vec3,
+    },
+    /// Parallel light.
+    Sun {
+        /// The way that the light goes, unit length.
+        direction: Vec3,
+    },
+}
+
+/// A lamp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Shape and place.
+    pub kind: LampKind,
+    /// Watts; watts a square metre for a sun.
+    pub power: f32,
+    /// Share of the power that each channel gets, linear Rec. 709.
+    pub color: Vec3,
+}
+
+/// What arrives at a place from a lamp if nothing is between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Incident {
+    /// Unit direction towards the lamp.
+    pub towards: Vec3,
+    /// Distance to it, metres; infinite for a sun.
+    pub distance: f32,
+    /// Irradiance across the light, which a surface's cosine scales.
+    pub irradiance: Vec3,
+}
+
+impl Lamp {
+    /// Widest cone of a spot, degrees from rim to rim: a wider one is what point lamps are for.
+    pub const MOST_DEGREES: f32 = 170.0;
+
+    /// Radiant intensity of spots and points within their light, W/sr; irradiance across the light of a sun, W/m^2.
+    pub fn strength(&self) -> Vec3 {
+        let per = match self.kind {
+            LampKind::Spot { half_angle, .. } => TAU * (1.0 - half_angle.cos()),
+            LampKind::Point { .. } => 2.0 * TAU,
+            LampKind::Sun { .. } => 1.0,
+        };
+        self.color * (self.power / per)
+    }
+
+    /// Light at a place; `None` where none goes.
+    pub fn incident(&self, position: Vec3) -> Option<Incident> {
+        let from = |at: Vec3| {
+            let (towards, distance) = (at - position).normalize_and_length();
+            let irradiance = self.strength() / (distance * distance);
+            irradiance.is_finite().then_some(Incident { towards, distance, irradiance })
+        };
+        match self.kind {
+            LampKind::Spot { at, direction, half_angle } => {
+                from(at).filter(|incident| -incident.towards.dot(direction) >= half_angle.cos())
+            }
+            LampKind::Point { at } => from(at),
+            LampKind::Sun { direction } => {
+                Some(Incident { towards: -direction, distance: f32::INFINITY, irradiance: self.strength() })
+            }
+        }
+    }
+}
+
+/// As `--lamp` takes it.
+impl fmt::Display for Lamp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let place = |v: Vec3| format!("{},{},{}", v.x, v.y, v.z);
+        match self.kind {
+            LampKind::Spot { at, direction, half_angle } => write!(
+                f,
+                "spot at={} to={} angle={}",
+                place(at),
+                place(at + direction),
+                (2.0 * half_angle).to_degrees()
+            )?,
+            LampKind::Point { at } => write!(f, "point at={}", place(at))?,
+            LampKind::Sun { direction } => write!(f, "sun direction={}", place(direction))?,
+        }
+        write!(f, " power={} color={}", self.power, place(self.color))
+    }
+}
+
+/// `spot at=X,Y,Z to=X,Y,Z power=W angle=DEG [color=R,G,B]`, `point at=X,Y,Z power=W [color=R,G,B]` or
+/// `sun direction=X,Y,Z power=W [color=R,G,B]`; the angle is a spot's whole cone, from rim to rim.
+impl FromStr for Lamp {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut words = text.split_whitespace();
+        let kind = words.next().unwrap_or_default();
+        let known: &[&str] = match kind {
+            "spot" => &["at", "to", "angle", "power", "color"],
+            "point" => &["at", "power", "color"],
+            "sun" => &["direction", "power", "color"],
+            _ => return Err(format!("{text:?} is no lamp: it begins with spot, point or sun")),
+        };
+        let mut values: Vec<(&str, &str)> = Vec::new();
+        for word in words {
+            let (key, value) = word.split_once('=').ok_or_else(|| format!("lamp: {word:?} is not KEY=VALUE"))?;
+            if !known.contains(&key) {
+                return Err(format!("lamp: a {kind} has no {key:?}; it has {}", known.join(", ")));
+            }
+            if values.iter().any(|(other, _)| *other == key) {
+                return Err(format!("lamp: {key} is given twice"));
+            }
+            values.push((key, value));
+        }
+        let find = |key: &str| values.iter().find(|(known, _)| *known == key).map(|(_, value)| *value);
+        let need = |key: &str| find(key).ok_or_else(|| format!("lamp: a {kind} needs {key}="));
+        let place = |key: &str| need(key).and_then(|value| vector(key, value));
+        let kind = match kind {
+            "spot" => {
+                let (at, to) = (place("at")?, place("to")?);
+                let direction = (to - at).try_normalize().ok_or("lamp: at and to are the same place")?;
+                let degrees = number("angle", need("angle")?)?;
+                if !(0.1..=Self::MOST_DEGREES).contains(&degrees) {
+                    let most = Self::MOST_DEGREES;
+                    return Err(format!("lamp: an angle of {degrees} degrees; a spot's is 0.1 to {most}"));
+                }
+                LampKind::Spot { at, direction, half_angle: 0.5 * degrees.to_radians() }
+            }
+            "point" => LampKind::Point { at: place("at")? },
+            _ => {
+                let direction = place("direction")?.try_normalize().ok_or("lamp: a direction of length 0")?;
+                LampKind::Sun { direction }
+            }
+        };
+        let power = number("power", need("power")?)?;
+        if !(power > 0.0 && power <= LARGEST) {
+            return Err(format!("lamp: a power of {power}; it is above 0 and at most {LARGEST:e}"));
+        }
+        let color = find("color").map_or(Ok(Vec3::ONE), |value| vector("color", value))?;
+        if color.min_element() < 0.0 || color.max_element() <= 0.0 {
+            return Err("lamp: a color is not negative, and above 0 in some channel".into());
+        }
+        Ok(Self { kind, power, color })
+    }
+}
+
+/// Powers and coordinates beyond this leave no room for their squares.
+const LARGEST: f32 = 1e12;
+
+fn number(key: &str, text: &str) -> Result<f32, String> {
+    let number = text.parse().ok().filter(|n: &f32| n.abs() <= LARGEST);
+    number.ok_or_else(|| format!("lamp: {key}={text} is not a number"))
+}
+
+fn vector(key: &str, text: &str) -> Result<Vec3, String> {
+    let numbers: Option<Vec<f32>> =
+        text.split(',').map(|part| part.parse().ok().filter(|n: &f32| n.abs() <= LARGEST)).collect();
+    let vector = numbers.and_then(|numbers| <[f32; 3]>::try_from(numbers).ok());
+    vector.map(Vec3::from).ok_or_else(|| format!("lamp: {key}={text} is not three numbers with commas between them"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::vec3;
+
+    fn lamp(text: &str) -> Lamp {
+        text.parse().expect("a lamp")
+    }
+
+    #[test]
+    fn lamps_are_read_and_written() {
+        let spot = lamp("spot at=0,2,0 to=0,0,0 power=10 angle=60");
+        let LampKind::Spot { at, direction, half_angle } = spot.kind else { panic!("{spot:?}") };
+        assert_eq!((at, direction, spot.color), (vec3(0.0, 2.0, 0.0), Vec3::NEG_Y, Vec3::ONE));
+        assert!((half_angle.to_degrees() - 30.0).abs() < 1e-5);
+        for text in ["spot at=1,2,3 to=1,2,4 angle=90 power=5 color=1,0.5,0", "point at=1,2,3 power=4 color=1,1,1"] {
+            assert_eq!(lamp(&lamp(text).to_string()).to_string(), lamp(text).to_string());
+        }
+        assert_eq!(lamp("sun direction=0,-2,0 power=3").kind, LampKind::Sun { direction: Vec3::NEG_Y });
+    }
+
+    #[test]
+    fn what_is_no_lamp_says_why_on_one_line() {
+        let spot = "spot at=0,0,0 to=0,0,1 power=1";
+        for (text, word) in [
+            (String::new(), "begins with"),
+            ("lantern at=0,0,0".into(), "begins with"),
+            (spot.into(), "needs angle"),
+            (format!("{spot} angle=0"), "0.1 to 170"),
+            (format!("{spot} angle=180"), "0.1 to 170"),
+            (format!("{spot} angle=NaN"), "not a number"),
+            (format!("{spot} angle=30 warmth=3"), "no \"warmth\""),
+            (format!("{spot} angle=30 power=2"), "given twice"),
+            (format!("{spot} angle=30 color=1,2"), "three numbers"),
+            (format!("{spot} angle=30 color=0,0,0"), "color"),
+            (format!("{spot} angle=30 bright"), "KEY=VALUE"),
+            ("spot at=1,1,1 to=1,1,1 power=1 angle=30".into(), "same place"),
+            ("point at=0,0,0 power=0".into(), "power of 0"),
+            ("point at=0,0,0 power=-2".into(), "power of -2"),
+            ("point at=0,0,0 power=inf".into(), "not a number"),
+            ("point power=1".into(), "needs at"),
+            ("sun direction=0,0,0 power=1".into(), "length 0"),
+            ("sun at=0,0,0 power=1".into(), "no \"at\""),
+        ] {
+            let message = text.parse::<Lamp>().expect_err(&text);
+            assert!(message.contains(word) && !message.contains('\n'), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_spot_lights_a_plane_by_inverse_square_and_cosine() {
+        let spot = lamp("spot at=0,2,0 to=0,0,0 power=10 angle=60");
+        // 10 W in a cap of 2 pi (1 - cos 30 degrees).
+        let intensity = 10.0 / (TAU * (1.0 - 0.75_f32.sqrt()));
+        let below = spot.incident(Vec3::ZERO).expect("light");
+        assert!((below.irradiance.x - intensity / 4.0).abs() < 1e-4 && below.distance == 2.0);
+        let aside = spot.incident(vec3(1.0, 0.0, 0.0)).expect("light");
+        let cosine = aside.towards.y;
+        assert!((aside.irradiance.y * cosine - intensity / 5.0 * 2.0 / 5.0_f32.sqrt()).abs() < 1e-4);
+        assert_eq!(spot.incident(vec3(1.2, 0.0, 0.0)), None, "outside the cone");
+        assert_eq!(spot.incident(vec3(0.0, 3.0, 0.0)), None, "behind");
+        assert_eq!(spot.incident(vec3(0.0, 2.0, 0.0)), None, "at the lamp itself");
+    }
+
+    #[test]
+    fn the_power_is_what_arrives_all_around() {
+        // Over a grid of directions: intensity times solid angle.
+        for text in ["spot at=0,0,0 to=1,0,0 power=7 angle=100 color=1,0.5,0", "point at=0,0,0 power=7 color=1,0.5,0"] {
+            let lamp = lamp(text);
+            let mut sum = Vec3::ZERO;
+            let count = 400;
+            for i in 0..count {
+                for k in 0..count {
+                    let z = 2.0 * (i as f32 + 0.5) / count as f32 - 1.0;
+                    let (sin, cos) = (TAU * k as f32 / count as f32).sin_cos();
+                    let across = (1.0 - z * z).sqrt();
+                    let place = vec3(across * cos, across * sin, z) * 3.0;
+                    let solid = 2.0 * TAU / (count * count) as f32;
+                    sum += lamp.incident(place).map_or(Vec3::ZERO, |light| light.irradiance) * (9.0 * solid);
+                }
+            }
+            assert!(sum.abs_diff_eq(vec3(7.0, 3.5, 0.0), 0.03), "{text}: {sum}");
+        }
+    }
+}
