@@ -153,11 +153,11 @@ fn more_lights_converge_and_the_mean_depends_on_no_setting() {
     for interleave in [2, 4] {
         means.push((
             format!("interleaved {interleave}"),
-            mean(&render(LampSettings { interleave, ..settings(2, 1024) })),
+            mean(&render(LampSettings { interleave, ..settings(2, 256) })),
         ));
     }
     for ism_size in [16, 64] {
-        means.push((format!("maps of {ism_size}"), mean(&render(LampSettings { ism_size, ..settings(2, 1024) }))));
+        means.push((format!("maps of {ism_size}"), mean(&render(LampSettings { ism_size, ..settings(2, 256) }))));
     }
     println!("{means:?}");
     let wanted = means[2].1;

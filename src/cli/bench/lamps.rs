@@ -173,7 +173,7 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSett
     }
     let time = |picks: &dyn Fn(&str) -> bool| {
         let of = |profile: &Profile| {
-            profile.passes.iter().filter(|(name, _)| picks(name)).map(|(_, pass)| pass.gpu_ms).sum::<f64>()
+            profile.passes.iter().filter(|(name, _)| picks(name)).fold(0.0, |sum, (_, pass)| sum + pass.gpu_ms)
         };
         let mut times: Vec<f64> = frames.iter().map(|frame| of(&frame.profile)).collect();
         times.sort_by(f64::total_cmp);
