@@ -131,7 +131,7 @@ impl PointChunks {
 /// A unit vector on an octahedron's square, each side in 16 bits with a sign; a zero vector as +Z.
 fn octahedral(normal: Vec3) -> [u32; 2] {
     let size = normal.abs().element_sum();
-    if !(size > 0.0) {
+    if size.is_nan() || size <= 0.0 {
         return [0, 0];
     }
     let place = normal.truncate() / size;
