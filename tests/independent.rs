@@ -1,36 +1,29 @@
 //! The renderer against images of an independent path tracer, which are not part of the project: RELUME_SHARED names the
 //! folder that has them.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
+use common::shared;
 
-/// Relative RMS of luminance and bias of the sphere in its room, as a person would find them.
-fn error(shared: &Path, technique: &str, material: &str, truth: &str, microbuffer: &str) -> (f64, f64) {
+const WHOLE: [&str; 6] = ["--camera-from", "0.5,1.35,1.75", "--camera-at", "0,1,0", "--fov", "30"];
+const CLOSE_UP: [&str; 6] = ["--camera-from", "-0.35,1.2,0.75", "--camera-at", "-0.03,1,0", "--fov", "22"];
+
+/// Relative RMS of luminance and bias of the sphere as `render` makes it with the given flags, as a person would find
+/// them, against `sphere_<truth>_128.exr`.
+fn error(shared: &Path, camera: &[&str], flags: &[&str], truth: &str) -> (f64, f64) {
     let out = tempfile::tempdir().expect("a folder");
     let path = |name: &str| out.path().join(name);
-    let reference = shared.join("reference");
+    let (object, image) = (shared.join("reference/sphere/sphere.ply"), path("sphere.exr"));
     let run = |arguments: &[&str], files: &[PathBuf]| {
         Command::cargo_bin("relume").expect("built").args(arguments).args(files).assert().success();
     };
-    let (cloud, object) = (reference.join("toyroom/cloud_hdr.ply"), reference.join("sphere/sphere.ply"));
-    let (cloud, object, image) = (cloud.display().to_string(), object.display().to_string(), path("sphere.exr"));
-    let view = ["--camera-from", "0.5,1.35,1.75", "--camera-at", "0,1,0", "--fov", "30", "--size", "128x128"];
-    let scene = [
-        "render",
-        "--technique",
-        technique,
-        "--cloud",
-        &cloud,
-        "--object",
-        &object,
-        "--material",
-        material,
-        "--microbuffer",
-        microbuffer,
-    ];
-    run(&[&scene[..], &view, &["--out"]].concat(), std::slice::from_ref(&image));
-    let truth = reference.join(format!("sphere/sphere_whole_{truth}_room_128.exr"));
+    let object = object.display().to_string();
+    let scene = ["render", "--object", &object, "--size", "128x128"];
+    run(&[&scene[..], camera, flags, &["--out"]].concat(), std::slice::from_ref(&image));
+    let truth = shared.join(format!("reference/sphere/sphere_{truth}_128.exr"));
     run(&["compare", "--json", &path("error.json").display().to_string()], &[image, truth]);
     let text = std::fs::read_to_string(path("error.json")).expect("written");
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
@@ -38,37 +31,24 @@ fn error(shared: &Path, technique: &str, material: &str, truth: &str, microbuffe
     (number("relative_rms_luminance"), number("bias"))
 }
 
-/// The same of the sphere in the light of the room's panorama at infinity.
+/// In the light of its room.
+fn room_error(shared: &Path, technique: &str, material: &str, truth: &str, microbuffer: &str) -> (f64, f64) {
+    let cloud = shared.join("reference/toyroom/cloud_hdr.ply").display().to_string();
+    let flags = ["--technique", technique, "--cloud", &cloud, "--material", material, "--microbuffer", microbuffer];
+    error(shared, &WHOLE, &flags, &format!("whole_{truth}_room"))
+}
+
+/// In the light of the room's panorama at infinity.
 fn probe_error(shared: &Path, view: &str, material: &str, truth: &str, order: &str) -> (f64, f64) {
-    let out = tempfile::tempdir().expect("a folder");
-    let path = |name: &str| out.path().join(name);
-    let reference = shared.join("reference");
-    let (probe, object) = (reference.join("toyroom/panorama.exr"), reference.join("sphere/sphere.ply"));
-    let (probe, object, image) = (probe.display().to_string(), object.display().to_string(), path("sphere.exr"));
-    let camera = match view {
-        "whole" => ["--camera-from", "0.5,1.35,1.75", "--camera-at", "0,1,0", "--fov", "30"],
-        _ => ["--camera-from", "-0.35,1.2,0.75", "--camera-at", "-0.03,1,0", "--fov", "22"],
-    };
-    let scene = ["render", "--technique", "probes", "--probes", &probe, "--object", &object, "--transfer", "none"];
-    let more = ["--material", material, "--order", order, "--size", "128x128", "--out"];
-    let mut command = Command::cargo_bin("relume").expect("built");
-    command.args(scene).args(camera).args(more).arg(&image).assert().success();
-    let truth = reference.join(format!("sphere/sphere_{view}_{truth}_env_128.exr"));
-    let report = path("error.json");
-    let mut command = Command::cargo_bin("relume").expect("built");
-    command.args(["compare", "--json"]).arg(&report).args([image, truth]).assert().success();
-    let json: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(&report).expect("written")).expect("JSON");
-    let number = |key: &str| json[key].as_f64().expect("a number");
-    (number("relative_rms_luminance"), number("bias"))
+    let probe = shared.join("reference/toyroom/panorama.exr").display().to_string();
+    let flags = ["--technique", "probes", "--probes", &probe, "--transfer", "none", "--material", material];
+    let camera = if view == "whole" { WHOLE } else { CLOSE_UP };
+    error(shared, &camera, &[&flags[..], &["--order", order]].concat(), &format!("{view}_{truth}_env"))
 }
 
 #[test]
 fn a_sphere_in_the_light_of_a_probe_is_lit_as_mitsuba_says() {
-    let Some(shared) = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from) else {
-        eprintln!("a_sphere_in_the_light_of_a_probe_is_lit_as_mitsuba_says: skipped, because RELUME_SHARED is not set");
-        return;
-    };
+    let Some(shared) = shared("a_sphere_in_the_light_of_a_probe_is_lit_as_mitsuba_says") else { return };
     // The truth's own noise is 0.009 diffuse, and 0.01 to 0.05 for metals; what three or five bands cannot hold is the rest.
     for (view, material, truth, order, most, bias) in [
         ("whole", "diffuse:0.7", "diffuse", "3", 0.046, 0.003),
@@ -89,10 +69,7 @@ fn a_sphere_in_the_light_of_a_probe_is_lit_as_mitsuba_says() {
 
 #[test]
 fn a_sphere_in_a_room_is_lit_as_mitsuba_says() {
-    let Some(shared) = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from) else {
-        eprintln!("a_sphere_in_a_room_is_lit_as_mitsuba_says: skipped, because RELUME_SHARED is not set");
-        return;
-    };
+    let Some(shared) = shared("a_sphere_in_a_room_is_lit_as_mitsuba_says") else { return };
     // Measured: 0.0073, 0.0107, 0.0150, 0.0369, 0.0096 and 0.10 with hybrid, 0.0119, 0.0140, 0.0181, 0.0398 and 0.10 with
     // shared; the truth's own noise is 0.005 to 0.012, and 0.045 in the last.
     for (technique, material, truth, microbuffer, most, bias) in [
@@ -108,7 +85,7 @@ fn a_sphere_in_a_room_is_lit_as_mitsuba_says() {
         ("shared", "metal:0.25", "ggx_a0.25", "24", 0.0419, 0.010),
         ("shared", "metal:0.0625", "ggx_a0.0625", "24", 0.15, 0.03),
     ] {
-        let (rms, mean) = error(&shared, technique, material, truth, microbuffer);
+        let (rms, mean) = room_error(&shared, technique, material, truth, microbuffer);
         println!("{technique}, {material}, {microbuffer}: {rms}, {mean}");
         assert!(rms <= most, "{technique}, {material}, {microbuffer}: relative RMS {rms}");
         assert!(mean.abs() <= bias, "{technique}, {material}, {microbuffer}: bias {mean}");

@@ -3,9 +3,8 @@
 mod common;
 
 use std::f64::consts::PI;
-use std::path::PathBuf;
 
-use common::{Device, Random, ball};
+use common::{Device, Random, ball, shared};
 use glam::{Affine3A, DMat3, DVec3, Quat, Vec3, vec3};
 use rayon::prelude::*;
 use relume::formats::image::read_far_field;
@@ -392,14 +391,6 @@ fn a_transfer_of_something_else_is_refused() {
         let error = made.err().expect("refused").to_string();
         assert!(error.contains(expected), "{error}");
     }
-}
-
-fn shared(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("{test}: skipped, because RELUME_SHARED is not set");
-    }
-    folder
 }
 
 #[test]

@@ -15,14 +15,12 @@
 //! | 68 n | spheres, cones, skips, area vectors, colors, radiance vectors, areas, each as in [`Hierarchy`] |
 //! | 4 | CRC-32 (IEEE) of all bytes before it |
 
-use std::fs::File;
-use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use super::{check_regular, whole};
+use super::checked::{self, CHECKSUM_BYTES, Reader};
 use crate::preprocess::hierarchy::{Hierarchy, MAX_DEPTH};
 use crate::{Error, Result};
 
@@ -33,9 +31,6 @@ const VERSION: u32 = 2;
 
 /// Bytes a node: 16 sphere, 8 cone, 4 skip, 12 area vector, 12 color, 12 radiance vector, 4 area.
 const NODE_BYTES: u64 = 68;
-
-/// Bytes of the checksum.
-const CHECKSUM_BYTES: u64 = 4;
 
 // The arrays go to the file as they are in memory.
 const _: () = assert!(cfg!(target_endian = "little"), "the .bsh format is written for little-endian machines");
@@ -91,18 +86,7 @@ pub fn write(path: &Path, hierarchy: &Hierarchy, source: BshInfo) -> Result<()> 
         bytemuck::cast_slice(&hierarchy.radiance_vectors),
         bytemuck::cast_slice(&hierarchy.areas),
     ];
-    whole::write(path, |out| {
-        let mut checksum = crc32fast::Hasher::new();
-        let mut put = |bytes: &[u8]| {
-            checksum.update(bytes);
-            out.write_all(bytes)
-        };
-        arrays
-            .into_iter()
-            .try_for_each(&mut put)
-            .and_then(|()| out.write_all(&checksum.finalize().to_le_bytes()))
-            .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
-    })
+    checked::write(path, &arrays)
 }
 
 /// Loads a hierarchy. It holds no more memory than the file is long, and a hierarchy that comes back is sound in the
@@ -122,18 +106,14 @@ pub fn read(path: &Path) -> Result<Hierarchy> {
 ///
 /// As [`read`].
 pub fn read_with_info(path: &Path) -> Result<(Hierarchy, BshInfo)> {
-    let unreadable = |e: io::Error| Error::file(path, format!("cannot be read: {e}"));
-    check_regular(path)?;
-    let file = File::open(path).map_err(unreadable)?;
-    let length = file.metadata().map_err(unreadable)?.len();
-    let mut source = Source { reader: BufReader::new(file), checksum: crc32fast::Hasher::new() };
+    let mut file = Reader::open(path)?;
 
     // The header, and whether the file is as long as it says, before anything is allocated on its word.
-    let header = read_header(path, length, &mut source)?;
+    let header = read_header(path, &mut file)?;
 
     // The arrays and the checksum.
-    let (hierarchy, intact) = read_body(&header, &mut source).map_err(unreadable)?;
-    if !intact {
+    let hierarchy = read_arrays(&header, &mut file)?;
+    if !file.ends_intact()? {
         return Err(Error::file(path, "is damaged: its checksum does not match its content; build it again"));
     }
 
@@ -147,21 +127,13 @@ pub fn read_with_info(path: &Path) -> Result<(Hierarchy, BshInfo)> {
     Ok((hierarchy, info))
 }
 
-/// The header of a file of `length` bytes that has room for what it promises.
-fn read_header(path: &Path, length: u64, source: &mut Source) -> Result<Header> {
+/// The header of a file that has room for what it promises.
+fn read_header(path: &Path, file: &mut Reader) -> Result<Header> {
     let wrong = |problem: String| Err(Error::file(path, problem));
-    let header_bytes = size_of::<Header>() as u64;
-    let mut header = Header::zeroed();
-    let whole = length >= header_bytes;
-    if whole {
-        source
-            .fill(bytemuck::bytes_of_mut(&mut header))
-            .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
-    }
-
-    if !whole || header.magic != MAGIC {
+    let Some(header) = file.header::<Header>()?.filter(|header| header.magic == MAGIC) else {
         return wrong("is not a saved hierarchy: it does not begin with RELUMEBSH".into());
-    }
+    };
+    let (length, header_bytes) = (file.length, size_of::<Header>() as u64);
     let version = header.version;
     if version != VERSION {
         return wrong(format!(
@@ -185,44 +157,20 @@ fn read_header(path: &Path, length: u64, source: &mut Source) -> Result<Header> 
     Ok(header)
 }
 
-/// The hierarchy as the file has it, and whether the checksum behind it is right.
-fn read_body(header: &Header, source: &mut Source) -> io::Result<(Hierarchy, bool)> {
+/// The hierarchy as the file has it.
+fn read_arrays(header: &Header, file: &mut Reader) -> Result<Hierarchy> {
     let nodes = header.nodes as usize;
-    let hierarchy = Hierarchy {
-        spheres: source.array(nodes)?,
-        cones: source.array(nodes)?,
-        skips: source.array(nodes)?,
-        area_vectors: source.array(nodes)?,
-        colors: source.array(nodes)?,
-        radiance_vectors: source.array(nodes)?,
-        areas: source.array(nodes)?,
+    Ok(Hierarchy {
+        spheres: file.array(nodes)?,
+        cones: file.array(nodes)?,
+        skips: file.array(nodes)?,
+        area_vectors: file.array(nodes)?,
+        colors: file.array(nodes)?,
+        radiance_vectors: file.array(nodes)?,
+        areas: file.array(nodes)?,
         depth: header.depth,
         brightest_point: header.brightest_point,
-    };
-    let computed = source.checksum.clone().finalize();
-    let mut stored = 0u32;
-    source.fill(bytemuck::bytes_of_mut(&mut stored))?;
-    Ok((hierarchy, stored == computed))
-}
-
-/// A file, and the checksum of what has been read from it.
-struct Source {
-    reader: BufReader<File>,
-    checksum: crc32fast::Hasher,
-}
-
-impl Source {
-    fn fill(&mut self, bytes: &mut [u8]) -> io::Result<()> {
-        self.reader.read_exact(bytes)?;
-        self.checksum.update(bytes);
-        Ok(())
-    }
-
-    fn array<T: Pod>(&mut self, len: usize) -> io::Result<Vec<T>> {
-        let mut values = bytemuck::zeroed_vec(len);
-        self.fill(bytemuck::cast_slice_mut(&mut values))?;
-        Ok(values)
-    }
+    })
 }
 
 #[cfg(test)]

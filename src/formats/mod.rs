@@ -2,6 +2,7 @@
 //! files that appear whole or not at all.
 
 pub mod bsh;
+mod checked;
 pub mod cloud;
 pub mod color;
 pub mod expanded;

@@ -19,12 +19,13 @@
 //! | 4 | CRC-32 (IEEE) of all bytes before it |
 
 use std::fs::File;
-use std::io::{self, BufReader, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{check_regular, whole};
+use super::check_regular;
+use super::checked::{self, CHECKSUM_BYTES, Reader};
 use crate::preprocess::transfer::{Transfer, TransferOptions, compute};
 use crate::scene::Object;
 use crate::{Error, Result};
@@ -34,9 +35,6 @@ const MAGIC: [u8; 9] = *b"RELUMEPRT";
 /// Goes up with every change of the layout, of the key and of what coefficients mean; files of other versions are
 /// refused, since they are quick to compute again.
 const VERSION: u32 = 1;
-
-/// Bytes of the checksum.
-const CHECKSUM_BYTES: u64 = 4;
 
 // The coefficients go to the file as they are in memory.
 const _: () = assert!(cfg!(target_endian = "little"), "the .prt format is written for little-endian machines");
@@ -146,17 +144,7 @@ pub fn write(path: &Path, transfer: &Transfer, key: u64) -> Result<()> {
         vertices: transfer.vertices as u64,
         key,
     };
-    whole::write(path, |out| {
-        let mut checksum = crc32fast::Hasher::new();
-        let mut put = |bytes: &[u8]| {
-            checksum.update(bytes);
-            out.write_all(bytes)
-        };
-        put(bytemuck::bytes_of(&header))
-            .and_then(|()| put(bytemuck::cast_slice(&transfer.coefficients)))
-            .and_then(|()| out.write_all(&checksum.finalize().to_le_bytes()))
-            .map_err(|e| Error::file(path, format!("cannot be written: {e}")))
-    })
+    checked::write(path, &[bytemuck::bytes_of(&header), bytemuck::cast_slice(&transfer.coefficients)])
 }
 
 /// Loads a transfer and the [`key`] of its object. It holds no more memory than the file is long.
@@ -165,24 +153,14 @@ pub fn write(path: &Path, transfer: &Transfer, key: u64) -> Result<()> {
 /// [`Error::File`] when `path` cannot be read, is no `.prt` file, has another version, is shorter or longer than its
 /// header says, or is damaged.
 pub fn read(path: &Path) -> Result<(Transfer, u64)> {
-    let unreadable = |e: io::Error| Error::file(path, format!("cannot be read: {e}"));
-    check_regular(path)?;
-    let file = File::open(path).map_err(unreadable)?;
-    let length = file.metadata().map_err(unreadable)?.len();
-    let mut reader = BufReader::new(file);
+    let mut file = Reader::open(path)?;
 
     // The header, and whether the file is as long as it says, before anything is allocated on its word.
-    let header = read_header(path, length, &mut reader)?;
+    let header = read_header(path, &mut file)?;
 
     // The coefficients, and the checksum of all.
-    let mut coefficients: Vec<f32> = bytemuck::zeroed_vec(numbers(&header).unwrap_or(0) as usize);
-    reader.read_exact(bytemuck::cast_slice_mut(&mut coefficients)).map_err(unreadable)?;
-    let mut stored = [0; CHECKSUM_BYTES as usize];
-    reader.read_exact(&mut stored).map_err(unreadable)?;
-    let mut checksum = crc32fast::Hasher::new();
-    checksum.update(bytemuck::bytes_of(&header));
-    checksum.update(bytemuck::cast_slice(&coefficients));
-    if checksum.finalize() != u32::from_le_bytes(stored) {
+    let coefficients: Vec<f32> = file.array(numbers(&header).unwrap_or(0) as usize)?;
+    if !file.ends_intact()? {
         return Err(Error::file(path, "is damaged: its checksum does not match its content; compute it again"));
     }
 
@@ -201,20 +179,13 @@ pub fn read(path: &Path) -> Result<(Transfer, u64)> {
     Ok((transfer, header.key))
 }
 
-/// The header of a file of `length` bytes that has room for what it promises.
-fn read_header(path: &Path, length: u64, reader: &mut impl Read) -> Result<Header> {
+/// The header of a file that has room for what it promises.
+fn read_header(path: &Path, file: &mut Reader) -> Result<Header> {
     let wrong = |problem: String| Err(Error::file(path, problem));
-    let header_bytes = size_of::<Header>() as u64;
-    let mut header = Header::zeroed();
-    let complete = length >= header_bytes;
-    if complete {
-        reader
-            .read_exact(bytemuck::bytes_of_mut(&mut header))
-            .map_err(|e| Error::file(path, format!("cannot be read: {e}")))?;
-    }
-    if !complete || header.magic != MAGIC {
+    let Some(header) = file.header::<Header>()?.filter(|header| header.magic == MAGIC) else {
         return Err(foreign(path));
-    }
+    };
+    let (length, header_bytes) = (file.length, size_of::<Header>() as u64);
     let version = header.version;
     if version != VERSION {
         return wrong(format!(

@@ -225,6 +225,18 @@ impl LightMap {
     }
 }
 
+/// Scanned points of all surfaces (position, normal, colour) as a cloud of `density` points a square metre.
+pub(super) fn cloud_of(scanned: Vec<Vec<(Vec3, Vec3, Vec3)>>, density: f32) -> Cloud {
+    let points = scanned.concat();
+    Cloud {
+        positions: points.iter().map(|p| p.0).collect(),
+        normals: points.iter().map(|p| p.1).collect(),
+        colors: points.iter().map(|p| p.2).collect(),
+        spacing: vec![density.sqrt().recip(); points.len()],
+        ..Cloud::default()
+    }
+}
+
 impl BakedRoom {
     /// The room as it was given.
     pub fn room(&self) -> &Room {
@@ -274,14 +286,7 @@ impl BakedRoom {
         let surfaces: Vec<usize> = (0..self.room().surfaces.len()).collect();
         let scanned: Vec<Vec<(Vec3, Vec3, Vec3)>> =
             surfaces.par_iter().map(|&surface| self.scan(surface, density, seed)).collect();
-        let points: Vec<_> = scanned.into_iter().flatten().collect();
-        Cloud {
-            positions: points.iter().map(|p| p.0).collect(),
-            normals: points.iter().map(|p| p.1).collect(),
-            colors: points.iter().map(|p| p.2).collect(),
-            spacing: vec![density.sqrt().recip(); points.len()],
-            ..Cloud::default()
-        }
+        cloud_of(scanned, density)
     }
 
     /// Area that is not inside of a box, square metres.

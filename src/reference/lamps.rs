@@ -4,6 +4,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::bake::cloud_of;
 use super::path_tracer::{PathTracer, lifted};
 use super::rooms::Rectangle;
 use super::sampling::{R2, Random, cosine_direction};
@@ -79,14 +80,7 @@ impl PathTracer {
                 .collect()
         };
         let scanned: Vec<_> = surfaces.par_iter().enumerate().map(scan).collect();
-        let points: Vec<_> = scanned.into_iter().flatten().collect();
-        Cloud {
-            positions: points.iter().map(|p| p.0).collect(),
-            normals: points.iter().map(|p| p.1).collect(),
-            colors: points.iter().map(|p| p.2).collect(),
-            spacing: vec![density.sqrt().recip(); points.len()],
-            ..Cloud::default()
-        }
+        cloud_of(scanned, density)
     }
 }
 

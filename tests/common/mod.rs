@@ -1,6 +1,7 @@
 //! Scenes and helpers that several tests share; all data is generated here.
 #![allow(dead_code, unreachable_pub, reason = "every test binary uses a part")]
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{Vec3, vec3};
@@ -25,6 +26,16 @@ impl Drop for Device {
             assert!(messages.is_empty(), "validation: {messages:#?}");
         }
     }
+}
+
+/// The folder of real data and independent images, which are not part of the project and which RELUME_SHARED names;
+/// `None`, with a plain word about it, where there is none.
+pub fn shared(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from);
+    if folder.is_none() {
+        eprintln!("{test}: skipped, because RELUME_SHARED is not set");
+    }
+    folder
 }
 
 /// Numbers from 0 to 1, the same in every run (Steele et al. 2014, SplitMix64).

@@ -5,6 +5,8 @@
 mod bad_clouds;
 mod bad_others;
 mod clouds;
+#[path = "../common/mod.rs"]
+mod common;
 mod expanded;
 mod images;
 mod neighbours;

@@ -1,20 +1,11 @@
 //! Real scans, objects and panoramas, which are not part of the project. RELUME_SHARED names the folder that has them.
 
-use std::path::PathBuf;
-
 use glam::{DVec3, Vec3};
 use relume::formats::cloud::{CloudOptions, Up, load};
 use relume::formats::{image, object, ply};
 use relume::preprocess::normals;
 
-/// `None`, with a plain word about it, where the data is not at hand.
-fn shared(test: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("RELUME_SHARED").filter(|name| !name.is_empty()).map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("{test}: skipped, because RELUME_SHARED is not set");
-    }
-    folder
-}
+use crate::common::shared;
 
 #[test]
 fn clouds() {

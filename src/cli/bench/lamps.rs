@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::median;
 use crate::cli::output::say;
 use crate::cli::{progress, render, values};
 use crate::compare::{Image, Tile, contact_sheet, to_srgb8};
@@ -175,9 +176,7 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSett
         let of = |profile: &Profile| {
             profile.passes.iter().filter(|(name, _)| picks(name)).fold(0.0, |sum, (_, pass)| sum + pass.gpu_ms)
         };
-        let mut times: Vec<f64> = frames.iter().map(|frame| of(&frame.profile)).collect();
-        times.sort_by(f64::total_cmp);
-        times[times.len() / 2]
+        median(frames.iter().map(|frame| of(&frame.profile)).collect())
     };
     let geometry_ms = time(&|name| !MAPS.contains(&name) && !NEXT.contains(&name) && !LIGHT.contains(&name));
     let (ism_ms, gather_ms) = (time(&|name| MAPS.contains(&name)), time(&|name| name == "gather lights"));

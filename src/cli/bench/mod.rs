@@ -36,3 +36,9 @@ pub(super) fn run(verb: &Verb) -> Result<()> {
         Verb::Lamps(args) => lamps::run(args),
     }
 }
+
+/// The middle one of some values; the upper of two.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::median;
 use crate::Result;
 use crate::cli::output::say;
 use crate::cli::{progress, render, values};
@@ -188,9 +189,4 @@ fn measure_screen(
         }
     }
     Ok(times.into_iter().map(|(ours, screen)| (median(ours), median(screen))).collect())
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }

@@ -10,6 +10,7 @@ use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::median;
 use crate::cli::output::say;
 use crate::cli::{progress, render, values};
 use crate::formats::image::{ExrLayers, read_far_field, write_exr};
@@ -407,9 +408,4 @@ fn lap(clock: &mut Instant) -> f64 {
     let taken = clock.elapsed().as_secs_f64() * 1e3;
     *clock = Instant::now();
     taken
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
