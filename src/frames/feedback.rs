@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::FrameStats;
-use super::renderer::{Outcome, Region};
+use super::region::Region;
+use super::renderer::Outcome;
 use super::tile_map::FINEST;
 use crate::Result;
 use crate::gpu::{Context, Recorder};

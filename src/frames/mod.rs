@@ -21,6 +21,7 @@ use std::str::FromStr;
 use crate::gpu::Profile;
 pub use crate::passes::Paper;
 pub use crate::passes::convolve::MaterialChoice;
+use crate::{Error, Result};
 pub use renderer::{CutPair, Renderer};
 pub use scene::GpuScene;
 
@@ -228,6 +229,34 @@ impl Settings {
             MaterialChoice::File => true,
         };
         if self.sharp && possible && self.paper == Paper::default() { 4.0 / self.microbuffer as f32 } else { 0.0 }
+    }
+}
+
+impl Settings {
+    /// [`Error::Argument`] or [`Error::Limit`] about the first setting that makes no sense.
+    fn check(&self) -> Result<()> {
+        let Self { width, height, microbuffer, .. } = *self;
+        if width == 0 || height == 0 {
+            return Err(Error::Argument(format!("the image is {width} x {height}; both sides must be at least 1")));
+        }
+        if width > 32_768 || height > 32_768 {
+            return Err(Error::Limit(format!("the image is {width} x {height}; a side has at most 32768 pixels")));
+        }
+        if !Settings::MICROBUFFER.contains(&microbuffer) || microbuffer % 2 == 1 {
+            return Err(Error::Argument(format!("a micro-buffer of {microbuffer} is not an even size from 8 to 64")));
+        }
+        if self.technique == Technique::Shared && self.paper != Paper::default() {
+            return Err(Error::Argument(
+                "technique shared has none of the paper's ways; take hybrid for --paper".into(),
+            ));
+        }
+        if !(self.stop > 0.0 && self.switch >= self.stop) {
+            return Err(Error::Argument(format!(
+                "the thresholds are {} and {} micro-pixels; they must be positive and the second not below the first",
+                self.stop, self.switch
+            )));
+        }
+        Ok(())
     }
 }
 

@@ -4,7 +4,8 @@
 use std::cell::Cell;
 use std::sync::Arc;
 
-use super::renderer::{Batch, Region, Renderer};
+use super::region::Region;
+use super::renderer::{Batch, Renderer};
 use super::{FrameStats, Settings, Technique};
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Context, Recorder};

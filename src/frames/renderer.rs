@@ -12,7 +12,7 @@ use super::batch::Coverage;
 use super::feedback::Feedback;
 use super::pixels::{PixelPasses, Shot, stop_sin2};
 use super::plan::Plan;
-use super::region::{Bounds, read_image};
+use super::region::{Bounds, Region, read_image};
 use super::scene::GpuScene;
 use super::shared::Shared;
 use super::tile_map::pixel_place;
@@ -29,19 +29,6 @@ use crate::passes::{CutRules, GpuHierarchy, Receiver, Traversal, sin2_of_share};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, FarField, Object, Vertex};
 use crate::{Error, Result};
-
-/// The images and buffers of one image region.
-pub(super) struct Region {
-    pub(super) rect: Rect,
-    /// The part of it that is lit; what lies around it only helps to light it.
-    core: Rect,
-    gbuffer: GBuffer,
-    pub(super) receivers: Receivers,
-    pub(super) lists: CutLists,
-    output: Buffer,
-    /// What narrow lobes add to it.
-    lobe_output: Option<Buffer>,
-}
 
 /// What one turn of the traversal works on.
 pub(super) struct Batch {
@@ -122,7 +109,7 @@ impl Renderer {
         far_field: Option<&FarField>,
         settings: Settings,
     ) -> Result<Self> {
-        check(&settings)?;
+        settings.check()?;
         let scene = GpuScene::new(context, hierarchy, far_field, settings.paper)?;
         Self::with_scene(context, &scene, object, settings)
     }
@@ -132,7 +119,7 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::new`], and [`Error::Argument`] where the scene was uploaded for other ways of the paper.
     pub fn with_scene(context: &Arc<Context>, scene: &GpuScene, object: &Object, settings: Settings) -> Result<Self> {
-        check(&settings)?;
+        settings.check()?;
         if scene.paper.one_node() != settings.paper.one_node() {
             return Err(Error::Argument("the scene was uploaded for other ways of the paper".into()));
         }
@@ -204,7 +191,7 @@ impl Renderer {
     /// # Errors
     /// [`Error::Argument`] for a size of zero, [`Error::Limit`] for one that is too large.
     pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
-        check(&Settings { width, height, ..self.settings })?;
+        Settings { width, height, ..self.settings }.check()?;
         let clip = |length: u32| length.min(Self::LARGEST_REGION);
         if clip(width) > clip(self.made_for[0]) || clip(height) > clip(self.made_for[1]) {
             let [most_width, most_height] = self.made_for;
@@ -386,7 +373,8 @@ impl Renderer {
                 lobes.shade(shot, &batch, &mut stats, &mut |_| {})?;
             }
             wall += started.elapsed();
-            self.collect(&region, &mut frame)?;
+            let _span = self.context.trace.span("readback");
+            region.collect(&mut frame)?;
         }
         self.pixels.report(&mut stats)?;
         if let Some(lobes) = &self.lobes {
@@ -602,64 +590,4 @@ impl Renderer {
             .sampled("base_metallic_map", &region.gbuffer.base_metallic, self.nearest.handle)
             .sampled("emissive_roughness_map", &region.gbuffer.emissive_roughness, self.nearest.handle)
     }
-
-    /// Reads a finished region into the frame.
-    fn collect(&self, region: &Region, frame: &mut Frame) -> Result<()> {
-        let _span = self.context.trace.span("readback");
-        let pixels = region.rect.width as usize * region.rect.height as usize;
-        let mut output: Vec<[f32; 4]> = region.output.download(pixels)?;
-        if let Some(lobes) = &region.lobe_output {
-            let added: Vec<[f32; 4]> = lobes.download(pixels)?;
-            output.iter_mut().zip(added).for_each(|(sum, more)| (0..3).for_each(|c| sum[c] += more[c]));
-        }
-        let position: Vec<[f32; 4]> = read_image(&region.gbuffer.position)?;
-        let normal: Vec<[f32; 4]> = read_image(&region.gbuffer.normal)?;
-        let albedo: Vec<[half::f16; 4]> = read_image(&region.gbuffer.base_metallic)?;
-        let Rect { width, x, y, .. } = region.rect;
-        for i in (0..pixels).filter(|i| region.core.holds(x + *i as u32 % width, y + *i as u32 / width)) {
-            let at = region.rect.index(i as u32, frame.width);
-            frame.rgba[at] = output[i];
-            frame.position[at] = position[i];
-            frame.normal[at] = normal[i];
-            frame.albedo[at] = albedo[i].map(half::f16::to_f32);
-        }
-        Ok(())
-    }
-}
-
-impl Region {
-    /// Whether a receiver is lit here.
-    pub(super) fn is_core(&self, receiver: Receiver) -> bool {
-        let (x, y) = pixel_place(receiver.pixels().start, self.receivers.tiles_x);
-        self.core.holds(self.rect.x + x, self.rect.y + y)
-    }
-
-    /// Index in the image of a pixel slot.
-    fn pixel_of(&self, slot: u32, width: u32) -> u32 {
-        let (x, y) = pixel_place(slot, self.receivers.tiles_x);
-        (self.rect.y + y) * width + self.rect.x + x
-    }
-}
-
-fn check(settings: &Settings) -> Result<()> {
-    let Settings { width, height, microbuffer, .. } = *settings;
-    if width == 0 || height == 0 {
-        return Err(Error::Argument(format!("the image is {width} x {height}; both sides must be at least 1")));
-    }
-    if width > 32_768 || height > 32_768 {
-        return Err(Error::Limit(format!("the image is {width} x {height}; a side has at most 32768 pixels")));
-    }
-    if !Settings::MICROBUFFER.contains(&microbuffer) || microbuffer % 2 == 1 {
-        return Err(Error::Argument(format!("a micro-buffer of {microbuffer} is not an even size from 8 to 64")));
-    }
-    if settings.technique == Technique::Shared && settings.paper != Paper::default() {
-        return Err(Error::Argument("technique shared has none of the paper's ways; take hybrid for --paper".into()));
-    }
-    if !(settings.stop > 0.0 && settings.switch >= settings.stop) {
-        return Err(Error::Argument(format!(
-            "the thresholds are {} and {} micro-pixels; they must be positive and the second not below the first",
-            settings.stop, settings.switch
-        )));
-    }
-    Ok(())
 }

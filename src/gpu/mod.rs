@@ -1,5 +1,6 @@
 //! A thin layer over Vulkan: device, memory, reflection, pipelines, barriers, profiler, captures.
 
+pub mod capabilities;
 pub mod capture;
 mod clock;
 #[cfg(feature = "hot-reload")]
