@@ -5,6 +5,7 @@ pub mod contact_shadow;
 pub mod convolve;
 pub mod gbuffer;
 pub mod ism;
+pub mod lamp_cloud;
 pub mod lamp_light;
 pub mod lamp_view;
 mod operator;

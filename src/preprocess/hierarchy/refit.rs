@@ -3,9 +3,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::Hierarchy;
 use super::propagate::{mean_color, of_color};
 use super::prune::LUMINANCE;
+use super::{Hierarchy, LARGEST};
 use crate::{Error, Result};
 
 /// What of a hierarchy depends on its light, a node each: in the place of the fields of the same names.
@@ -40,18 +40,18 @@ impl Hierarchy {
     /// own values to the byte.
     ///
     /// # Errors
-    /// [`Error::Argument`] for another number of leaves, a share that is negative, or radiance that is negative or whose
-    /// sums are not finite.
+    /// [`Error::Argument`] for another number of leaves, a share or radiance that is negative or beyond 1e15, or
+    /// where sums are not finite.
     pub fn refit(&self, share: f32, added: &[Vec3]) -> Result<NodeRadiance> {
         let leaves = self.len().div_ceil(2);
         if added.len() != leaves {
             return Err(Error::Argument(format!("radiance of {} leaves for a hierarchy of {leaves}", added.len())));
         }
-        let usable = |value: Vec3| value.is_finite() && value.min_element() >= 0.0;
+        let usable = |value: Vec3| value.min_element() >= 0.0 && value.cmple(Vec3::splat(LARGEST)).all();
         if let Some(leaf) = added.par_iter().position_first(|value| !usable(*value)) {
             return Err(Error::Argument(format!("leaf {leaf} is to send {}, which is no radiance", added[leaf])));
         }
-        if !(share.is_finite() && share >= 0.0) {
+        if !(0.0..=LARGEST).contains(&share) {
             return Err(Error::Argument(format!("a share of {share} of the cloud's own light")));
         }
         let mut radiance = NodeRadiance {
@@ -207,7 +207,8 @@ mod tests {
             (f32::NAN, dark.clone(), "share of NaN"),
             (1.0, with(Vec3::new(0.0, f32::NAN, 0.0)), "leaf 70"),
             (1.0, with(Vec3::NEG_X), "leaf 70"),
-            (1.0, vec![Vec3::splat(3e38); 100], "not finite"),
+            (1.0, with(Vec3::splat(2e15)), "leaf 70"),
+            (f32::INFINITY, dark.clone(), "share of inf"),
         ] {
             let message = hierarchy.refit(share, &added).expect_err(word).to_string();
             assert!(message.contains(word) && !message.contains('\n'), "{message}");
