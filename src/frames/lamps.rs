@@ -244,6 +244,7 @@ impl LampRenderer {
             side: passes.side,
             ism_size,
             interleave,
+            points: self.count,
             spread: (vpls as f32 / rounds as f32).sqrt(),
             ..LampPass::new(camera, width, height)
         };
