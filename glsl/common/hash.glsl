@@ -7,12 +7,5 @@ uint hash(uint value) {
     return (word >> 22u) ^ word;
 }
 
-// One of `count` by a hash, without a division.
-uint pick(uint bits, uint count) {
-    uint high, low;
-    umulExtended(bits, count, high, low);
-    return high;
-}
-
 // Above 0 and below 1.
 float unit(uint bits) { return (float(bits >> 8u) + 0.5) / 16777216.0; }

@@ -6,9 +6,9 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shared/lamp_pass.glsl"
 #include "common/rgb9e5.glsl"
-#include "common/hash.glsl"
 #include "common/lamp_setup.glsl"
 #include "common/vpl.glsl"
+#include "common/light_of.glsl"
 #include "common/surfel.glsl"
 
 layout(local_size_x = 128) in;
@@ -23,7 +23,7 @@ const float RADIUS = 0.55;
 void main() {
     if (gl_GlobalInvocationID.x >= lamp_pass.count) return;
     uint index = lamp_pass.first + gl_GlobalInvocationID.x;
-    uint map = pick(hash((lamp_pass.base + index) ^ hash(lamp_pass.round)), lamp_pass.vpls);
+    uint map = light_of(lamp_pass.base + index);
     Surfel surfel = load_surfel(int(index));
     Vpl light = load_vpl(map);
     vec3 to = surfel.position - light.position;

@@ -20,6 +20,7 @@ layout(push_constant) uniform LampPass {
     uint first;      // point of the dispatch in its buffer
     uint count;      // points of the dispatch, or of the buffer
     uint base;       // number in the cloud of the buffer's first point
-    uint round;      // of the points over the maps, from 0 on
+    uint points;     // of the cloud
+    uint offset;     // from a point's place along the cloud to the light that it serves
     float spread;    // from the spacing of a point to that of the points of one map
 } lamp_pass;

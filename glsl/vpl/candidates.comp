@@ -8,6 +8,8 @@
 #extension GL_EXT_shader_atomic_int64 : require
 #include "vpl/weight.glsl"
 #include "common/vpl_visible.glsl"
+#include "common/hash.glsl"
+#include "common/light_of.glsl"
 
 layout(local_size_x = 128) in;
 
@@ -24,8 +26,7 @@ void main() {
     if (gl_GlobalInvocationID.x >= lamp_pass.count) return;
     uint index = lamp_pass.first + gl_GlobalInvocationID.x;
     uint number = lamp_pass.base + index;
-    uint bits = hash(number ^ hash(16u * lamp_pass.bounce + lamp_pass.round + 0x10000u));
-    uint light = pick(bits, lamp_pass.vpls);
+    uint light = light_of(number);
     Surfel surfel = load_surfel(int(index));
     Surfaces surfaces = load_surfaces();
     Candidate candidate = candidate_of(surfaces, light, surfel);
@@ -35,7 +36,7 @@ void main() {
     uint units = uint(min(candidate.weight, 1.0) / WEIGHT_UNIT + 0.5);
     if (units == 0u) return;
     atomicAdd(vpl_weights[light], units);
-    float key = log(candidate.weight) - log(-log(unit(hash(bits))));
+    float key = log(candidate.weight) - log(-log(unit(hash(number ^ hash(lamp_pass.bounce * 0x10000u + lamp_pass.offset)))));
     uint64_t entry = uint64_t(ordered(key)) << 32 | uint64_t(number);
     if (entry > vpl_keys[light]) atomicMax(vpl_keys[light], entry);
 }

@@ -2,7 +2,6 @@
 // and how much of that the point reflects.
 #include "shared/lamp_pass.glsl"
 #include "common/rgb9e5.glsl"
-#include "common/hash.glsl"
 #include "common/lamp_setup.glsl"
 #include "common/vpl.glsl"
 #include "common/surfel.glsl"

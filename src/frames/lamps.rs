@@ -388,6 +388,7 @@ impl LampRenderer {
             side: passes.side,
             ism_size,
             interleave,
+            points: self.count,
             spread: (vpls as f32 / rounds as f32).sqrt(),
             ..match wanted {
                 Wanted::Picture(camera) => LampPass::new(camera, width, height),

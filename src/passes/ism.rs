@@ -73,7 +73,7 @@ impl IsmPass {
         super::fill(recorder, "clear shadow maps", &[(&self.depths, u32::MAX)]);
         for round in 0..rounds {
             for (buffer, sets) in points.iter().zip(&self.sets) {
-                let dispatches = buffer.dispatches(LampPass { round, ..pass });
+                let dispatches = buffer.dispatches(pass.in_round(round, rounds));
                 self.splat.record_with(recorder, "shadow maps", &sets[now], &dispatches)?;
             }
         }

@@ -54,8 +54,10 @@ pub struct LampPass {
     pub count: u32,
     /// Number in the cloud of the buffer's first point.
     pub base: u32,
-    /// Round of the points over the maps, from 0 on.
-    pub round: u32,
+    /// Points of the cloud.
+    pub points: u32,
+    /// From a point's place along the cloud to the light that it serves.
+    pub offset: u32,
     /// From the spacing of a point to that of the points of one map.
     pub spread: f32,
 }
@@ -74,6 +76,11 @@ impl LampPass {
             forward: forward.into(),
             ..Self::default()
         }
+    }
+
+    /// Round `round` of `rounds` of the points over the lights: each point serves another light.
+    pub(super) fn in_round(self, round: u32, rounds: u32) -> Self {
+        Self { offset: round * self.vpls / rounds, ..self }
     }
 
     /// Pixels of the camera's image.

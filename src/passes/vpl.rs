@@ -140,7 +140,8 @@ impl VplPass {
         super::fill(recorder, "clear candidates", &[(&self.keys, 0), (&self.weights, 0)]);
         for round in 0..rounds {
             for (buffer, sets) in points.iter().zip(&self.sets) {
-                let dispatches = buffer.dispatches(LampPass { round, ..pass });
+                // Between the rounds of the maps: a candidate is not asked of a map that was made of it.
+                let dispatches = buffer.dispatches(pass.in_round(2 * round + 1, 2 * rounds));
                 self.candidates.record_with(recorder, "candidates", &sets[now][0], &dispatches)?;
             }
         }
@@ -149,5 +150,72 @@ impl VplPass {
             self.next.record_with(recorder, "next lights", &sets[now][1], &[(constants, pass.vpls)])?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::preprocess::point_chunks::{CHUNK, PointChunks};
+    use glam::Vec3;
+
+    /// As `rank_in_chunk` in `glsl/common/light_of.glsl`.
+    fn rank_in_chunk(mut index: usize, mut count: usize) -> usize {
+        if count == CHUNK {
+            return (index as u32).reverse_bits() as usize >> 16;
+        }
+        let (mut rank, mut bit) = (0, 1);
+        while count > 1 {
+            let even = count.div_ceil(2);
+            if index >= even {
+                index -= even;
+                rank |= bit;
+                count -= even;
+            } else {
+                count = even;
+            }
+            bit <<= 1;
+        }
+        rank
+    }
+
+    /// As `light_of` in the same.
+    fn light_of(number: usize, pass: LampPass) -> usize {
+        let first = number / CHUNK * CHUNK;
+        let rank = rank_in_chunk(number - first, CHUNK.min(pass.points as usize - first));
+        (first + rank + pass.offset as usize) % pass.vpls as usize
+    }
+
+    #[test]
+    fn every_light_gets_every_nth_point_along_the_curve() {
+        for count in [1, 2, 100, CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK + 12_345] {
+            // A line: x is the place along the curve.
+            let line: Vec<Vec3> = (0..count).map(|n| Vec3::X * n as f32).collect();
+            let chunks = PointChunks::from_points(&line, &vec![Vec3::ONE; count], &[]).expect("few points");
+            for vpls in [16, 256, 1040, 16_384] {
+                let pass = LampPass { points: count as u32, vpls, ..LampPass::default() };
+                let mut places = vec![Vec::new(); vpls as usize];
+                for (number, [x, ..]) in chunks.points.iter().enumerate() {
+                    places[light_of(number, pass)].push(f32::from_bits(*x) as usize);
+                }
+                for (light, places) in places.iter_mut().enumerate() {
+                    places.sort_unstable();
+                    let expected: Vec<usize> = (light..count).step_by(vpls as usize).collect();
+                    assert_eq!(*places, expected, "light {light} of {vpls}, {count} points");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_serves_other_lights_in_other_rounds() {
+        let pass = LampPass { points: 1000, vpls: 48, ..LampPass::default() };
+        for rounds in [1, 2, 7, 16] {
+            let mut lights: Vec<usize> = (0..rounds).map(|round| light_of(123, pass.in_round(round, rounds))).collect();
+            lights.sort_unstable();
+            // As far from each other as so many can be.
+            let gaps = lights.windows(2).map(|pair| pair[1] - pair[0]);
+            assert!(gaps.min().unwrap_or(48) >= 48 / rounds as usize, "{lights:?} in {rounds} rounds");
+        }
     }
 }
