@@ -59,6 +59,16 @@ pub(super) struct ScanPicture {
 }
 
 impl BackdropArgs {
+    /// Whether anything is seen around the object.
+    pub(super) fn any(&self) -> bool {
+        self.backdrop != BackdropChoice::None
+    }
+
+    /// Whether lamps' light is added to what is seen of the scan: not where that is no colour.
+    pub(super) fn shows_light(&self) -> bool {
+        matches!(self.points, PointDisplay::Raw | PointDisplay::Filled | PointDisplay::EyeDome)
+    }
+
     /// Whether the scan's points are needed.
     pub(super) fn shows_points(&self) -> bool {
         self.backdrop == BackdropChoice::Points

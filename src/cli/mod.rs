@@ -9,6 +9,7 @@ mod demo;
 mod evaluate;
 mod expand;
 mod info;
+mod lamp_flags;
 mod output;
 mod probe_flags;
 mod progress;
@@ -45,7 +46,7 @@ enum Verb {
     Transfer(transfer::Args),
     /// Expand the dynamic range of a cloud from an HDR photo
     Expand(Box<expand::Args>),
-    /// Light an object inside a cloud, or by light probes
+    /// Light an object inside a cloud, or by light probes; or a cloud by lamps
     Render(Box<render::Args>),
     /// Project a light probe to spherical harmonics
     Project(project::Args),

@@ -7,15 +7,17 @@ use std::time::Instant;
 use ash::vk;
 use glam::Vec3;
 
-use super::points::{BUFFER_POINTS, PointRenderer, PointSettings};
+use super::points::{BUFFER_POINTS, PointFrame, PointRenderer, PointSettings};
 use crate::gpu::{Buffer, Context, Profile, Recorder};
 use crate::passes::ism::IsmPass;
+use crate::passes::lamp_cloud::LampCloudPass;
 use crate::passes::lamp_light::LampLightPass;
 use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
 use crate::passes::points::PointView;
 use crate::passes::surfel_view::SurfelViewPass;
 use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
-use crate::preprocess::point_chunks::PointChunks;
+use crate::preprocess::hierarchy::{Hierarchy, NodeRadiance};
+use crate::preprocess::point_chunks::{PackedPoint, PackedSurfel, PointChunks, packed_leaves};
 use crate::scene::{Camera, Lamp};
 use crate::{Error, Result};
 
@@ -76,6 +78,14 @@ impl LampSettings {
     /// Most views of lamps at once, of which a point takes six.
     pub const MOST_VIEWS: usize = 64;
 
+    /// Bytes of device objects that do not depend on the cloud: five images of the camera, those of a lamp, and all maps
+    /// with their coarser levels.
+    fn bytes(&self) -> u64 {
+        let [width, height, vpls, ism_size, light] =
+            [self.width, self.height, self.vpls, self.ism_size, self.light_size].map(u64::from);
+        width * height * 7 * 16 + light * light * 6 * 16 + vpls * ism_size * ism_size * 16 / 3
+    }
+
     /// [`Error::Argument`] about the first setting that makes no sense.
     fn check(&self) -> Result<()> {
         let Self { bounces, vpls, interleave, ism_size, light_size, surfaces, .. } = *self;
@@ -119,6 +129,67 @@ pub struct LampFrame {
     pub wall_ms: f64,
 }
 
+impl LampFrame {
+    /// Lights a picture of the same cloud from the same place, of whose own light `share` stays.
+    pub fn add_to(&self, points: &mut PointFrame, share: f32) {
+        for ([r, g, b, _], [more_r, more_g, more_b, _]) in points.color_depth.iter_mut().zip(&self.color_depth) {
+            (*r, *g, *b) = (*r * share + more_r, *g * share + more_g, *b * share + more_b);
+        }
+    }
+
+    /// Whether any light falls on what is seen.
+    pub fn is_lit(&self) -> bool {
+        self.color_depth.iter().any(|[r, g, b, _]| r + g + b > 0.0)
+    }
+}
+
+/// What a lit picture shows, row by row from the top.
+#[derive(Clone, Debug, Default)]
+pub struct LampSurface {
+    /// The cloud's own colour, and depth along the view in metres; 0 where nothing is.
+    pub color_depth: Vec<[f32; 4]>,
+    /// Unit normals, world space.
+    pub normal: Vec<[f32; 4]>,
+}
+
+/// Light of the lamps on chosen points of the cloud.
+#[derive(Clone, Debug, Default)]
+pub struct PointLight {
+    /// Radiance that the lamps' light leaves each point with, in their order.
+    pub radiance: Vec<Vec3>,
+    /// Times and counts by pass.
+    pub profile: Profile,
+    /// Wall time, milliseconds.
+    pub wall_ms: f64,
+}
+
+/// Where a picture's light is wanted.
+#[derive(Clone, Copy)]
+enum Wanted<'a> {
+    /// At the pixels of a camera.
+    Picture(&'a Camera),
+    /// At the chosen points.
+    Chosen,
+}
+
+/// Points on the device with their normals.
+#[derive(Default)]
+struct Chosen {
+    buffers: Vec<(Buffer, Buffer)>,
+    count: u32,
+}
+
+impl Chosen {
+    fn points(&self) -> Vec<LitPoints<'_>> {
+        let most = BUFFER_POINTS as u32;
+        let part = |(index, (points, surfels))| {
+            let base = index * most;
+            LitPoints { points, surfels, base, count: most.min(self.count - base) }
+        };
+        (0..).zip(self.buffers.iter().map(|(points, surfels)| (points, surfels))).map(part).collect()
+    }
+}
+
 /// A cloud on the device, ready to be lit.
 pub struct LampRenderer {
     context: Arc<Context>,
@@ -136,6 +207,7 @@ pub struct LampRenderer {
     /// Typical distance between its points, metres.
     spacing: f32,
     lights: VplBuffers,
+    chosen: Chosen,
     passes: Option<Passes>,
 }
 
@@ -148,6 +220,8 @@ struct Passes {
     ism: IsmPass,
     vpl: VplPass,
     light: LampLightPass,
+    /// Where points were chosen.
+    cloud: Option<LampCloudPass>,
 }
 
 impl LampRenderer {
@@ -162,7 +236,16 @@ impl LampRenderer {
         if chunks.surfels.len() != chunks.points.len() {
             return Err(Error::Argument("lamps need a cloud with normals, and this one has none".into()));
         }
-        let points = PointSettings { width, height, memory_budget, ..PointSettings::default() };
+        let needed = settings.bytes();
+        if needed > memory_budget {
+            return Err(Error::Limit(format!(
+                "{width}x{height} pixels and {vpls} shadow maps of {0}x{0} texels need {1} MiB, the memory budget is {2} MiB",
+                settings.ism_size,
+                needed.div_ceil(1 << 20),
+                memory_budget >> 20
+            )));
+        }
+        let points = PointSettings { width, height, memory_budget: memory_budget - needed, ..PointSettings::default() };
         let camera = PointRenderer::new(context, chunks, points)?;
         if camera.resident_buffers().is_none() {
             return Err(Error::Limit(format!(
@@ -178,11 +261,8 @@ impl LampRenderer {
             let upload = |part: &[_]| Buffer::texels_from_slice(context, "surfels", part, vk::Format::R32G32_UINT);
             chunks.surfels.chunks(BUFFER_POINTS).map(upload).collect::<Result<_>>()?
         };
-        let (low, high) = chunks.chunks.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), chunk| {
-            (low.min(chunk.low), high.max(chunk.high))
-        });
         let bounds =
-            if low.is_finite() { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (Vec3::ZERO, 1.0) };
+            chunks.bounds().map_or((Vec3::ZERO, 1.0), |(low, high)| (0.5 * (low + high), 0.5 * (high - low).length()));
         let area = chunks.surfels.iter().map(|surfel| f64::from(f32::from_bits(surfel[1])).powi(2)).sum::<f64>() as f32;
         let lights = VplBuffers::new(context, vpls)?;
         Ok(Self {
@@ -196,8 +276,61 @@ impl LampRenderer {
             area,
             spacing: chunks.spacing,
             lights,
+            chosen: Chosen::default(),
             passes: None,
         })
+    }
+
+    /// Chooses the points that [`LampRenderer::light`] lights: those of the cloud, or means of them, with their normals.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for other numbers of surfels than of points, [`Error::Limit`] where they do not fit the device.
+    pub fn choose(&mut self, points: &[PackedPoint], surfels: &[PackedSurfel]) -> Result<()> {
+        if points.len() != surfels.len() || u32::try_from(points.len()).is_err() {
+            return Err(Error::Argument(format!("{} points to light with {} normals", points.len(), surfels.len())));
+        }
+        self.passes = None;
+        self.chosen = Chosen::default();
+        for (points, surfels) in points.chunks(BUFFER_POINTS).zip(surfels.chunks(BUFFER_POINTS)) {
+            let texels = Buffer::texels_from_slice(&self.context, "lit points", points, vk::Format::R32G32B32A32_UINT)?;
+            let normals = Buffer::texels_from_slice(&self.context, "lit surfels", surfels, vk::Format::R32G32_UINT)?;
+            self.chosen.buffers.push((texels, normals));
+        }
+        self.chosen.count = points.len() as u32;
+        Ok(())
+    }
+
+    /// Chooses the leaves of a hierarchy over the cloud.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] where they do not fit the device.
+    pub fn choose_leaves(&mut self, hierarchy: &Hierarchy) -> Result<()> {
+        let (points, surfels) = packed_leaves(hierarchy);
+        self.choose(&points, &surfels)
+    }
+
+    /// The radiance of all nodes of the hierarchy whose leaves were chosen, where `share` of the cloud's own light is left
+    /// and the lamps' is added; and what the light of the leaves took.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another hierarchy, [`Error::Limit`] for more lamps than fit, and Vulkan's own errors.
+    pub fn relight(&mut self, hierarchy: &Hierarchy, lamps: &[Lamp], share: f32) -> Result<(NodeRadiance, PointLight)> {
+        let light = self.light(lamps)?;
+        Ok((hierarchy.refit(share, &light.radiance)?, light))
+    }
+
+    /// Lights the chosen points.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more lamps than fit, and Vulkan's own errors.
+    pub fn light(&mut self, lamps: &[Lamp]) -> Result<PointLight> {
+        let start = Instant::now();
+        let mut profile = Profile::default();
+        self.draw(Wanted::Chosen, lamps, &mut profile)?;
+        let cloud = self.passes.as_ref().and_then(|passes| passes.cloud.as_ref());
+        let radiance = cloud.map_or(Ok(Vec::new()), |cloud| cloud.radiance(&self.chosen.points()))?;
+        let radiance = radiance.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect();
+        Ok(PointLight { radiance, profile, wall_ms: start.elapsed().as_secs_f64() * 1e3 })
     }
 
     /// Renders a picture in the light of these lamps.
@@ -207,7 +340,7 @@ impl LampRenderer {
     pub fn render(&mut self, camera: &Camera, lamps: &[Lamp]) -> Result<LampFrame> {
         let start = Instant::now();
         let mut profile = Profile::default();
-        self.draw(camera, lamps, &mut profile)?;
+        self.draw(Wanted::Picture(camera), lamps, &mut profile)?;
         let LampSettings { width, height, .. } = self.settings;
         let pixels = width as usize * height as usize;
         let color_depth = match &self.passes {
@@ -216,6 +349,17 @@ impl LampRenderer {
         };
         let wall_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(LampFrame { width, height, color_depth, profile, wall_ms })
+    }
+
+    /// What the last picture shows.
+    ///
+    /// # Errors
+    /// When a Vulkan call fails.
+    pub fn surface(&self) -> Result<LampSurface> {
+        let pixels = self.settings.width as usize * self.settings.height as usize;
+        let Some(passes) = &self.passes else { return Ok(LampSurface::default()) };
+        let color_depth = self.camera.images().shaded.download(pixels)?;
+        Ok(LampSurface { color_depth, normal: passes.camera_surface.normals.download(pixels)? })
     }
 
     /// Irradiance of the last picture, straight from the lamps and after all bounces, a pixel.
@@ -229,7 +373,7 @@ impl LampRenderer {
     }
 
     /// All passes of a picture.
-    fn draw(&mut self, camera: &Camera, lamps: &[Lamp], profile: &mut Profile) -> Result<()> {
+    fn draw(&mut self, wanted: Wanted<'_>, lamps: &[Lamp], profile: &mut Profile) -> Result<()> {
         let LampSettings { width, height, bounces, vpls, light_size, ism_size, ism_points, interleave, .. } =
             self.settings;
         let views: Vec<LampView> =
@@ -246,7 +390,10 @@ impl LampRenderer {
             interleave,
             points: self.count,
             spread: (vpls as f32 / rounds as f32).sqrt(),
-            ..LampPass::new(camera, width, height)
+            ..match wanted {
+                Wanted::Picture(camera) => LampPass::new(camera, width, height),
+                Wanted::Chosen => LampPass::default(),
+            }
         };
         passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
 
@@ -263,24 +410,38 @@ impl LampRenderer {
             recorder.finish(profile)?;
         }
         // The camera G-buffer (4.1) and direct light.
-        self.camera.draw(camera, profile)?;
-        let points = self.lit_points();
+        if let Wanted::Picture(camera) = wanted {
+            self.camera.draw(camera, profile)?;
+        }
+        let (points, chosen) = (self.lit_points(), self.chosen.points());
         let mut recorder = Recorder::new(&self.context)?;
-        let seen = PointView::new(camera, width, height, self.spacing);
-        passes.camera_surface.record(&mut recorder, &points, seen)?;
         passes.views.pyramid(&mut recorder, pass)?;
-        passes.light.direct(&mut recorder, pass)?;
+        match (wanted, &passes.cloud) {
+            (Wanted::Picture(camera), _) => {
+                let seen = PointView::new(camera, width, height, self.spacing);
+                passes.camera_surface.record(&mut recorder, &points, seen)?;
+                passes.light.direct(&mut recorder, pass)?;
+            }
+            (Wanted::Chosen, Some(cloud)) => cloud.direct(&mut recorder, &chosen, pass)?,
+            (Wanted::Chosen, None) => {}
+        }
         // The first lights (4.2), and bounce by bounce their maps (4.3), their light (4.4) and the next (4.5).
         passes.vpl.place(&mut recorder, pass)?;
         for bounce in 0..bounces {
             let (pass, now) = (LampPass { bounce, ..pass }, (bounce % 2) as usize);
             passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
-            passes.light.gather(&mut recorder, pass, now)?;
+            match (wanted, &passes.cloud) {
+                (Wanted::Picture(_), _) => passes.light.gather(&mut recorder, pass, now)?,
+                (Wanted::Chosen, Some(cloud)) => cloud.gather(&mut recorder, &chosen, pass, now)?,
+                (Wanted::Chosen, None) => {}
+            }
             if bounce + 1 < bounces {
                 passes.vpl.redistribute(&mut recorder, &points, (pass, rounds), now)?;
             }
         }
-        passes.light.compose(&mut recorder, pass)?;
+        if let Wanted::Picture(_) = wanted {
+            passes.light.compose(&mut recorder, pass)?;
+        }
         recorder.finish(profile)
     }
 
@@ -307,7 +468,11 @@ impl LampRenderer {
         let LampSettings { width, height, .. } = self.settings;
         let surface = (&camera_surface, width, height);
         let light = LampLightPass::new(context, surface, lights, (&views, &ism), glossy)?;
-        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light });
+        let chosen = self.chosen.points();
+        let cloud = (!chosen.is_empty())
+            .then(|| LampCloudPass::new(context, &chosen, lights, (&views, &ism), glossy))
+            .transpose()?;
+        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light, cloud });
         Ok(())
     }
 

@@ -79,16 +79,19 @@ pub enum Method {
     Cloud(Technique),
     /// Light from infinity alone, by spherical harmonics ([`probes`]).
     Probes,
+    /// No object: the cloud itself in the light of lamps ([`lamps`]).
+    Lamps,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Cloud(Technique::Classic),
         Self::Cloud(Technique::Mipmapped),
         Self::Cloud(Technique::Hybrid),
         Self::Cloud(Technique::Shared),
         Self::Probes,
+        Self::Lamps,
     ];
 
     /// The name it has everywhere.
@@ -96,6 +99,7 @@ impl Method {
         match self {
             Self::Cloud(technique) => technique.name(),
             Self::Probes => "probes",
+            Self::Lamps => "lamps",
         }
     }
 }
@@ -116,10 +120,9 @@ impl FromStr for Method {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL
-            .into_iter()
-            .find(|method| method.name() == text)
-            .ok_or_else(|| format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared and probes"))
+        Self::ALL.into_iter().find(|method| method.name() == text).ok_or_else(|| {
+            format!("{text:?} is no technique; there are classic, mipmapped, hybrid, shared, probes and lamps")
+        })
     }
 }
 

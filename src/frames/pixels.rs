@@ -49,7 +49,7 @@ impl Shot<'_> {
     pub(super) fn gather(&self, size: u32, first: u32, count: u32) -> Gather {
         let Shot { renderer, region, camera, coverage_limit } = *self;
         // Not so dark that the scale would be infinite: black clouds.
-        let brightest = f64::from(renderer.hierarchy.brightest.max(1e-20));
+        let brightest = f64::from(renderer.hierarchy.brightest().max(1e-20));
         Gather {
             pixels: region.receivers.pixels,
             first_entry: first,
@@ -65,9 +65,9 @@ impl Shot<'_> {
             far_field_height: renderer.far_field.height,
             stop_sin2: stop_sin2(&renderer.settings, size),
             last_round: 0,
-            typical: renderer.hierarchy.typical.max(1e-20),
+            typical: renderer.hierarchy.typical().max(1e-20),
             sharp_alpha: renderer.settings.sharp_alpha(),
-            radiance_scale: radiance_scale(renderer.hierarchy.brightest.max(renderer.far_field.brightest())),
+            radiance_scale: radiance_scale(renderer.hierarchy.brightest().max(renderer.far_field.brightest())),
             store_columns: renderer.pixels.micro_buffers.columns(),
         }
     }

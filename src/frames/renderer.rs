@@ -26,7 +26,7 @@ use crate::passes::rasterise::RasterInfo;
 use crate::passes::receivers::{ReceiverPass, Receivers};
 use crate::passes::trace::TracePass;
 use crate::passes::{CutRules, GpuHierarchy, Receiver, Traversal, sin2_of_share};
-use crate::preprocess::hierarchy::Hierarchy;
+use crate::preprocess::hierarchy::{Hierarchy, NodeRadiance};
 use crate::scene::{Camera, FarField, Object, Vertex};
 use crate::{Error, Result};
 
@@ -219,6 +219,14 @@ impl Renderer {
     /// [`Error::Argument`] for another size, or where it was made without.
     pub fn set_far_field(&mut self, far_field: &FarField) -> Result<()> {
         self.far_field.update(far_field)
+    }
+
+    /// Gives all nodes of the cloud other radiance, or that which they were made with ([`GpuScene::relight`]).
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another number of nodes; Vulkan's own errors.
+    pub fn relight(&self, hierarchy: &Hierarchy, radiance: Option<&NodeRadiance>) -> Result<()> {
+        self.hierarchy.relight(hierarchy, radiance)
     }
 
     /// Settings of its frames.

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::gpu::Context;
 use crate::passes::convolve::GpuFarField;
 use crate::passes::{GpuHierarchy, Paper};
-use crate::preprocess::hierarchy::Hierarchy;
+use crate::preprocess::hierarchy::{Hierarchy, NodeRadiance};
 use crate::scene::FarField;
 
 /// What a scan lights with, on the device: renderers of any settings can share it.
@@ -41,5 +41,14 @@ impl GpuScene {
     /// [`crate::Error::Argument`] for another size, or where it was made without.
     pub fn set_far_field(&self, far_field: &FarField) -> Result<()> {
         self.far_field.update(far_field)
+    }
+
+    /// Gives all nodes other radiance, or that which they were made with, for all renderers of it. `hierarchy` is the one
+    /// that it was made of.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for another number of nodes; Vulkan's own errors.
+    pub fn relight(&self, hierarchy: &Hierarchy, radiance: Option<&NodeRadiance>) -> Result<()> {
+        self.hierarchy.relight(hierarchy, radiance)
     }
 }

@@ -140,13 +140,13 @@ impl LampView {
         // A pixel around the rim, for the shadow map's filter.
         let margin = 1.0 + 4.0 / size as f32;
         match lamp.kind {
-            LampKind::Spot { at, direction, half_angle } => vec![view(at, direction, half_angle.tan() * margin)],
+            LampKind::Spot { at, .. } => vec![view(at.as_vec3(), lamp.direction(), lamp.half_angle().tan() * margin)],
             LampKind::Point { at } => {
                 let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
-                axes.into_iter().map(|direction| view(at, direction, 1.0)).collect()
+                axes.into_iter().map(|direction| view(at.as_vec3(), direction, 1.0)).collect()
             }
-            LampKind::Sun { direction } => {
-                let radius = radius.max(1e-3);
+            LampKind::Sun { .. } => {
+                let (direction, radius) = (lamp.direction(), radius.max(1e-3));
                 let from = centre - direction * (SUN_DISTANCE * radius);
                 let eye = view(from, direction, margin / (SUN_DISTANCE - 1.0));
                 // `at` one metre away would be lost in the coordinates of a far eye.
@@ -159,7 +159,7 @@ impl LampView {
     fn texels(&self, size: u32) -> [[f32; 4]; 5] {
         let (right, up, forward) = self.camera.basis();
         let (kind, cone) = match self.lamp.kind {
-            LampKind::Spot { half_angle, .. } => (0.0, half_angle.cos()),
+            LampKind::Spot { .. } => (0.0, self.lamp.half_angle().cos()),
             LampKind::Point { .. } => (1.0, -1.0),
             LampKind::Sun { .. } => (2.0, -1.0),
         };

@@ -5,6 +5,7 @@ pub mod contact_shadow;
 pub mod convolve;
 pub mod gbuffer;
 pub mod ism;
+pub mod lamp_cloud;
 pub mod lamp_light;
 pub mod lamp_view;
 mod operator;
@@ -23,12 +24,14 @@ pub mod traverse;
 pub mod vpl;
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use ash::vk;
 use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
 
 use crate::gpu::{Bindings, Buffer, Constant, Context, Recorder, Use};
-use crate::preprocess::hierarchy::Hierarchy;
+use crate::preprocess::hierarchy::{Hierarchy, NodeRadiance, mean_luminance};
 use crate::{Error, Result};
 
 /// Push constants of the traversal passes (`glsl/shared/traversal.glsl`).
@@ -175,10 +178,12 @@ pub struct GpuHierarchy {
     pub nodes: u32,
     /// Longest path from the root to a leaf, in nodes.
     pub depth: u32,
-    /// Largest channel of any point's radiance, which bounds that of nodes from all sides.
-    pub brightest: f32,
-    /// Mean luminance of the cloud.
-    pub typical: f32,
+    /// Bits of [`GpuHierarchy::brightest`].
+    brightest: AtomicU32,
+    /// Bits of [`GpuHierarchy::typical`].
+    typical: AtomicU32,
+    /// One node a micro-pixel ([`Paper::one_node`]).
+    one_node: bool,
 }
 
 impl GpuHierarchy {
@@ -192,25 +197,8 @@ impl GpuHierarchy {
             return Err(Error::Limit(format!("the hierarchy has {nodes} nodes; devices get at most {MOST_NODES}")));
         }
         let four = vk::Format::R32G32B32A32_SFLOAT;
-        let areas: Vec<[f32; 4]> = hierarchy
-            .area_vectors
-            .iter()
-            .zip(&hierarchy.skips)
-            .enumerate()
-            .map(|(node, ([x, y, z], skip))| {
-                let opens = if hierarchy.opens(node) { OPENS } else { 0 };
-                [*x, *y, *z, float_with(*skip | opens)]
-            })
-            .collect();
-        let radiances: Vec<[f32; 4]> = hierarchy
-            .radiance_vectors
-            .iter()
-            .zip(&hierarchy.colors)
-            .map(|([x, y, z], color)| match *color {
-                [r, g, b] if paper.one_node() => [r, g, b, 0.0],
-                color => [*x, *y, *z, float_with(packed_chromaticity(color))],
-            })
-            .collect();
+        let one_node = paper.one_node();
+        let (areas, radiances) = light_texels(hierarchy, None, one_node);
         Ok(Self {
             spheres: Buffer::texels_from_slice(context, "node spheres", &hierarchy.spheres, four)?,
             cones: Buffer::texels_from_slice(context, "node cones", &hierarchy.cones, vk::Format::R32G32_UINT)?,
@@ -218,9 +206,40 @@ impl GpuHierarchy {
             radiances: Buffer::texels_from_slice(context, "node radiances", &radiances, four)?,
             nodes: nodes as u32,
             depth: hierarchy.depth,
-            brightest: hierarchy.brightest_point,
-            typical: hierarchy.mean_luminance(),
+            brightest: AtomicU32::new(hierarchy.brightest_point.to_bits()),
+            typical: AtomicU32::new(hierarchy.mean_luminance().to_bits()),
+            one_node,
         })
+    }
+
+    /// Gives all nodes other radiance, or that which they were made with. `hierarchy` is the one they are of.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another number of nodes; Vulkan's own errors.
+    pub fn relight(&self, hierarchy: &Hierarchy, radiance: Option<&NodeRadiance>) -> Result<()> {
+        let given = radiance.map_or(hierarchy.len(), |radiance| radiance.colors.len());
+        if [hierarchy.len(), given] != [self.nodes as usize; 2] {
+            let nodes = self.nodes;
+            return Err(Error::Argument(format!("radiance of {given} nodes for a hierarchy of {nodes}")));
+        }
+        let (areas, radiances) = light_texels(hierarchy, radiance, self.one_node);
+        self.areas.upload(bytemuck::cast_slice(&areas))?;
+        self.radiances.upload(bytemuck::cast_slice(&radiances))?;
+        let brightest = radiance.map_or(hierarchy.brightest_point, |radiance| radiance.brightest_point);
+        let typical = radiance.map_or(hierarchy.mean_luminance(), |radiance| mean_luminance(&radiance.colors));
+        self.brightest.store(brightest.to_bits(), Ordering::Relaxed);
+        self.typical.store(typical.to_bits(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Largest channel of any point's radiance, which bounds that of nodes from all sides.
+    pub fn brightest(&self) -> f32 {
+        f32::from_bits(self.brightest.load(Ordering::Relaxed))
+    }
+
+    /// Mean luminance of the cloud.
+    pub fn typical(&self) -> f32 {
+        f32::from_bits(self.typical.load(Ordering::Relaxed))
     }
 
     /// The node arrays under the names that shaders use.
@@ -231,6 +250,28 @@ impl GpuHierarchy {
             .buffer("node_areas", &self.areas)
             .buffer("node_radiances", &self.radiances)
     }
+}
+
+/// What the device has of the nodes' light: area vectors with skips and [`Hierarchy::opens`], and radiances.
+fn light_texels(
+    hierarchy: &Hierarchy,
+    radiance: Option<&NodeRadiance>,
+    one_node: bool,
+) -> (Vec<[f32; 4]>, Vec<[f32; 4]>) {
+    let colors = radiance.map_or(&hierarchy.colors, |radiance| &radiance.colors);
+    let vectors = radiance.map_or(&hierarchy.radiance_vectors, |radiance| &radiance.radiance_vectors);
+    let area = |(node, ([x, y, z], skip)): (usize, (&[f32; 3], &u32))| {
+        let opens = if hierarchy.opens_in(colors, node) { OPENS } else { 0 };
+        [*x, *y, *z, float_with(*skip | opens)]
+    };
+    let radiance = |([x, y, z], color): (&[f32; 3], &[f32; 3])| match *color {
+        [r, g, b] if one_node => [r, g, b, 0.0],
+        color => [*x, *y, *z, float_with(packed_chromaticity(color))],
+    };
+    rayon::join(
+        || hierarchy.area_vectors.par_iter().zip(&hierarchy.skips).enumerate().map(area).collect(),
+        || vectors.par_iter().zip(colors).map(radiance).collect(),
+    )
 }
 
 /// Skips, of which the largest is the number of nodes, fit [`float_with`] with a bit to spare.

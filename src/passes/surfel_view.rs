@@ -16,7 +16,8 @@ use crate::gpu::{Bindings, Buffer, Context, Recorder};
 pub struct SurfelViewPass {
     /// Albedo, and depth along the view in metres or 0, a pixel.
     surface: Buffer,
-    normals: Buffer,
+    /// Unit normals, world space, a pixel.
+    pub normals: Buffer,
     keys: Buffer,
     _sides: Buffer,
     edges: Operator,

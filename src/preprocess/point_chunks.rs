@@ -20,6 +20,23 @@ pub type PackedPoint = [u32; 4];
 /// metres as float bits.
 pub type PackedSurfel = [u32; 2];
 
+/// A point and its surfel as the device takes them; `spacing` in metres.
+pub fn packed(position: Vec3, color: Vec3, normal: Vec3, spacing: f32) -> (PackedPoint, PackedSurfel) {
+    let [x, y, z] = position.to_array().map(f32::to_bits);
+    let [u, v] = octahedral(normal);
+    ([x, y, z, pack_rgb9e5(color)], [u | v << 16, spacing.to_bits()])
+}
+
+/// The leaves of a hierarchy in their order, with their mean normals.
+pub fn packed_leaves(hierarchy: &Hierarchy) -> (Vec<PackedPoint>, Vec<PackedSurfel>) {
+    let leaf = |node: usize| {
+        let [x, y, z, radius] = hierarchy.spheres[node];
+        let normal = Vec3::from(hierarchy.area_vectors[node]).normalize_or_zero();
+        packed(Vec3::new(x, y, z), Vec3::from(hierarchy.colors[node]), normal, radius)
+    };
+    hierarchy.leaves().map(leaf).unzip()
+}
+
 /// A run of points and the box that they lie in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chunk {
@@ -53,6 +70,11 @@ impl PointChunks {
     /// [`Error::Limit`] for more points than 32 bits count.
     pub fn new(cloud: &Cloud) -> Result<Self> {
         Self::sorted(&cloud.positions, &cloud.colors, &cloud.spacing, &cloud.normals)
+    }
+
+    /// Lower and upper corner of the box around all points; `None` without any.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        self.chunks.iter().map(|chunk| (chunk.low, chunk.high)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
     }
 
     /// The leaves of a hierarchy: all points where nothing was pruned.
@@ -98,16 +120,14 @@ impl PointChunks {
                 spread_order(chunk.len())
                     .map(|k| {
                         let index = chunk[k].1 as usize;
-                        let [x, y, z] = positions[index].to_array().map(f32::to_bits);
-                        [x, y, z, pack_rgb9e5(colors[index])]
+                        packed(positions[index], colors[index], Vec3::ZERO, 0.0).0
                     })
                     .collect()
             })
             .collect();
         let typical = typical_spacing(spacing, count, high - low);
         let surfel = |index: usize| {
-            let [x, y] = octahedral(normals[index]);
-            [x | y << 16, spacing.get(index).copied().unwrap_or(typical).to_bits()]
+            packed(positions[index], colors[index], normals[index], spacing.get(index).copied().unwrap_or(typical)).1
         };
         let surfels: Vec<Vec<PackedSurfel>> = if normals.is_empty() {
             Vec::new()

@@ -13,33 +13,33 @@ use std::f32::consts::TAU;
 use std::fmt;
 use std::str::FromStr;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// What sends the light out, and where to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LampKind {
     /// A cone from a point, alike in all directions within it.
     Spot {
-        /// The point, world space, metres.
-        at: Vec3,
-        /// The cone's axis, unit length.
-        direction: Vec3,
-        /// Between axis and rim, radians, above 0 and below pi / 2.
-        half_angle: f32,
+        /// The point, metres.
+        at: DVec3,
+        /// Another point on the cone's axis, metres.
+        to: DVec3,
+        /// From rim to rim, degrees, at most [`Lamp::MOST_DEGREES`].
+        degrees: f32,
     },
     /// A point that shines alike in all directions.
     Point {
-        /// The point, world space, metres.
-        at: Vec3,
+        /// The point, metres.
+        at: DVec3,
     },
     /// Parallel light.
     Sun {
-        /// The way that the light goes, unit length.
-        direction: Vec3,
+        /// The way that the light goes, of any length.
+        direction: DVec3,
     },
 }
 
-/// A lamp.
+/// A lamp, in the coordinates of a scan's file or, after [`Lamp::relative_to`], in those that it is kept in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
     /// Shape and place.
@@ -68,27 +68,66 @@ impl Lamp {
     /// Radiant intensity of spots and points within their light, W/sr; irradiance across the light of a sun, W/m^2.
     pub fn strength(&self) -> Vec3 {
         let per = match self.kind {
-            LampKind::Spot { half_angle, .. } => TAU * (1.0 - half_angle.cos()),
+            LampKind::Spot { .. } => TAU * (1.0 - self.half_angle().cos()),
             LampKind::Point { .. } => 2.0 * TAU,
             LampKind::Sun { .. } => 1.0,
         };
         self.color * (self.power / per)
     }
 
+    /// The same lamp in coordinates from which `origin` was subtracted.
+    pub fn relative_to(mut self, origin: DVec3) -> Self {
+        match &mut self.kind {
+            LampKind::Spot { at, to, .. } => {
+                *at -= origin;
+                *to -= origin;
+            }
+            LampKind::Point { at } => *at -= origin,
+            LampKind::Sun { .. } => {}
+        }
+        self
+    }
+
+    /// Where it is; `None` for a sun.
+    pub fn place(&self) -> Option<DVec3> {
+        match self.kind {
+            LampKind::Spot { at, .. } | LampKind::Point { at } => Some(at),
+            LampKind::Sun { .. } => None,
+        }
+    }
+
+    /// Unit direction of a spot's axis and of a sun's light; a point has none.
+    pub fn direction(&self) -> Vec3 {
+        match self.kind {
+            LampKind::Spot { at, to, .. } => (to - at).normalize_or_zero().as_vec3(),
+            LampKind::Sun { direction } => direction.normalize_or_zero().as_vec3(),
+            LampKind::Point { .. } => Vec3::ZERO,
+        }
+    }
+
+    /// Between a spot's axis and its rim, radians; pi for what has no rim.
+    pub fn half_angle(&self) -> f32 {
+        match self.kind {
+            LampKind::Spot { degrees, .. } => 0.5 * degrees.to_radians(),
+            LampKind::Point { .. } | LampKind::Sun { .. } => std::f32::consts::PI,
+        }
+    }
+
     /// Light at a place; `None` where none goes.
     pub fn incident(&self, position: Vec3) -> Option<Incident> {
-        let from = |at: Vec3| {
-            let (towards, distance) = (at - position).normalize_and_length();
+        let from = |at: DVec3| {
+            let (towards, distance) = (at.as_vec3() - position).normalize_and_length();
             let irradiance = self.strength() / (distance * distance);
             irradiance.is_finite().then_some(Incident { towards, distance, irradiance })
         };
         match self.kind {
-            LampKind::Spot { at, direction, half_angle } => {
-                from(at).filter(|incident| -incident.towards.dot(direction) >= half_angle.cos())
+            LampKind::Spot { at, .. } => {
+                let (direction, cosine) = (self.direction(), self.half_angle().cos());
+                from(at).filter(|incident| -incident.towards.dot(direction) >= cosine)
             }
             LampKind::Point { at } => from(at),
-            LampKind::Sun { direction } => {
-                Some(Incident { towards: -direction, distance: f32::INFINITY, irradiance: self.strength() })
+            LampKind::Sun { .. } => {
+                Some(Incident { towards: -self.direction(), distance: f32::INFINITY, irradiance: self.strength() })
             }
         }
     }
@@ -97,19 +136,13 @@ impl Lamp {
 /// As `--lamp` takes it.
 impl fmt::Display for Lamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let place = |v: Vec3| format!("{},{},{}", v.x, v.y, v.z);
+        let place = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
         match self.kind {
-            LampKind::Spot { at, direction, half_angle } => write!(
-                f,
-                "spot at={} to={} angle={}",
-                place(at),
-                place(at + direction),
-                (2.0 * half_angle).to_degrees()
-            )?,
+            LampKind::Spot { at, to, degrees } => write!(f, "spot at={} to={} angle={degrees}", place(at), place(to))?,
             LampKind::Point { at } => write!(f, "point at={}", place(at))?,
             LampKind::Sun { direction } => write!(f, "sun direction={}", place(direction))?,
         }
-        write!(f, " power={} color={}", self.power, place(self.color))
+        write!(f, " power={} color={}", self.power, place(self.color.as_dvec3()))
     }
 }
 
@@ -144,25 +177,30 @@ impl FromStr for Lamp {
         let kind = match kind {
             "spot" => {
                 let (at, to) = (place("at")?, place("to")?);
-                let direction = (to - at).try_normalize().ok_or("lamp: at and to are the same place")?;
-                let degrees = number("angle", need("angle")?)?;
+                if (to - at).try_normalize().is_none() {
+                    return Err("lamp: at and to are the same place".into());
+                }
+                let degrees = number("angle", need("angle")?)? as f32;
                 if !(0.1..=Self::MOST_DEGREES).contains(&degrees) {
                     let most = Self::MOST_DEGREES;
                     return Err(format!("lamp: an angle of {degrees} degrees; a spot's is 0.1 to {most}"));
                 }
-                LampKind::Spot { at, direction, half_angle: 0.5 * degrees.to_radians() }
+                LampKind::Spot { at, to, degrees }
             }
             "point" => LampKind::Point { at: place("at")? },
             _ => {
-                let direction = place("direction")?.try_normalize().ok_or("lamp: a direction of length 0")?;
+                let direction = place("direction")?;
+                if direction.try_normalize().is_none() {
+                    return Err("lamp: a direction of length 0".into());
+                }
                 LampKind::Sun { direction }
             }
         };
-        let power = number("power", need("power")?)?;
-        if !(power > 0.0 && power <= LARGEST) {
+        let power = number("power", need("power")?)? as f32;
+        if power <= 0.0 {
             return Err(format!("lamp: a power of {power}; it is above 0 and at most {LARGEST:e}"));
         }
-        let color = find("color").map_or(Ok(Vec3::ONE), |value| vector("color", value))?;
+        let color = find("color").map_or(Ok(DVec3::ONE), |value| vector("color", value))?.as_vec3();
         if color.min_element() < 0.0 || color.max_element() <= 0.0 {
             return Err("lamp: a color is not negative, and above 0 in some channel".into());
         }
@@ -171,18 +209,18 @@ impl FromStr for Lamp {
 }
 
 /// Powers and coordinates beyond this leave no room for their squares.
-const LARGEST: f32 = 1e12;
+const LARGEST: f64 = 1e12;
 
-fn number(key: &str, text: &str) -> Result<f32, String> {
-    let number = text.parse().ok().filter(|n: &f32| n.abs() <= LARGEST);
+fn number(key: &str, text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| n.abs() <= LARGEST);
     number.ok_or_else(|| format!("lamp: {key}={text} is not a number"))
 }
 
-fn vector(key: &str, text: &str) -> Result<Vec3, String> {
-    let numbers: Option<Vec<f32>> =
-        text.split(',').map(|part| part.parse().ok().filter(|n: &f32| n.abs() <= LARGEST)).collect();
-    let vector = numbers.and_then(|numbers| <[f32; 3]>::try_from(numbers).ok());
-    vector.map(Vec3::from).ok_or_else(|| format!("lamp: {key}={text} is not three numbers with commas between them"))
+fn vector(key: &str, text: &str) -> Result<DVec3, String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|part| part.parse().ok().filter(|n: &f64| n.abs() <= LARGEST)).collect();
+    let vector = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    vector.map(DVec3::from).ok_or_else(|| format!("lamp: {key}={text} is not three numbers with commas between them"))
 }
 
 #[cfg(test)]
@@ -197,13 +235,18 @@ mod tests {
     #[test]
     fn lamps_are_read_and_written() {
         let spot = lamp("spot at=0,2,0 to=0,0,0 power=10 angle=60");
-        let LampKind::Spot { at, direction, half_angle } = spot.kind else { panic!("{spot:?}") };
-        assert_eq!((at, direction, spot.color), (vec3(0.0, 2.0, 0.0), Vec3::NEG_Y, Vec3::ONE));
-        assert!((half_angle.to_degrees() - 30.0).abs() < 1e-5);
-        for text in ["spot at=1,2,3 to=1,2,4 angle=90 power=5 color=1,0.5,0", "point at=1,2,3 power=4 color=1,1,1"] {
-            assert_eq!(lamp(&lamp(text).to_string()).to_string(), lamp(text).to_string());
+        assert_eq!((spot.place(), spot.direction()), (Some(DVec3::Y * 2.0), Vec3::NEG_Y));
+        assert!((spot.half_angle().to_degrees() - 30.0).abs() < 1e-5 && spot.color == Vec3::ONE);
+        for text in [
+            "spot at=0.1,2,3 to=1,0.30000000000000004,-4e6 angle=90.1 power=5 color=1,0.5,0",
+            "point at=1,2,3 power=0.1 color=1,1,0.3",
+            "sun direction=0,-2,1e-7 power=3 color=1,1,1",
+        ] {
+            assert_eq!(lamp(&lamp(text).to_string()), lamp(text));
         }
-        assert_eq!(lamp("sun direction=0,-2,0 power=3").kind, LampKind::Sun { direction: Vec3::NEG_Y });
+        assert_eq!(lamp("sun direction=0,-2,0 power=3").direction(), Vec3::NEG_Y);
+        let far = lamp("spot at=500000.25,2,0 to=500000.25,0,0 power=10 angle=60").relative_to(DVec3::X * 5e5);
+        assert!(far.incident(vec3(0.25, 0.0, 0.0)).is_some_and(|light| light.distance == 2.0));
     }
 
     #[test]

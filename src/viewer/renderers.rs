@@ -101,7 +101,7 @@ impl Renderers {
         // Technique probes has one object until its own transfer is made, whether things move or not.
         let own = match shot.method {
             Method::Probes => shot.stage == Stage::Finished,
-            Method::Cloud(_) => shot.stage != Stage::Moving,
+            Method::Cloud(_) | Method::Lamps => shot.stage != Stage::Moving,
         };
         let Some(object) = assets.object_for(own) else {
             return Err(Error::Argument("a view needs an object".into()));
@@ -122,12 +122,12 @@ impl Renderers {
                 let subject = Subject { object, transfer, vertices, own };
                 self.probes.render(&self.context, assets, state, &subject, (shot.size, shot.camera))
             }
-            (Method::Cloud(_), Some((_, _, hierarchy))) => {
+            (Method::Cloud(_) | Method::Lamps, Some((_, _, hierarchy))) => {
                 self.probes.clear();
                 let scene = self.scene(assets, hierarchy)?;
                 self.gather(state, &scene, object, place, shot)
             }
-            (Method::Cloud(_), None) => Err(Error::Argument("a view needs a cloud".into())),
+            (Method::Cloud(_) | Method::Lamps, None) => Err(Error::Argument("a view needs a cloud".into())),
         }
     }
 

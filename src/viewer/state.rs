@@ -314,8 +314,8 @@ impl ViewState {
             _ if !scan => Method::Probes,
             Some(Method::Probes) => Method::Probes,
             _ if !feedback => Method::Cloud(Technique::Classic),
-            Some(method) => method,
-            None => Method::Cloud(self.quality.settings().technique),
+            Some(method @ Method::Cloud(_)) => method,
+            Some(Method::Lamps) | None => Method::Cloud(self.quality.settings().technique),
         }
     }
 

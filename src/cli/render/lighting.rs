@@ -115,10 +115,10 @@ pub(super) fn transfer(args: &Args, object: &Object) -> Result<Option<Transfer>>
     let path = match &flags.transfer {
         Some(path) if path.as_os_str() == "none" => return Ok(None),
         Some(path) => path.clone(),
-        None => args.object.with_extension("prt"),
+        None => args.object.as_ref().map(|object| object.with_extension("prt")).unwrap_or_default(),
     };
-    let options =
-        TransferOptions { order: flags.order, samples: flags.samples, bounces: flags.bounces, visibility: true };
+    let bounces = flags.bounces.unwrap_or_default();
+    let options = TransferOptions { order: flags.order, samples: flags.samples, bounces, visibility: true };
     let bar = progress::bar("transfer", 1000);
     let (transfer, source) =
         prt::load_or_compute(Some(&path), object, &options, &|share| bar.set_position((share * 1000.0) as u64))?;

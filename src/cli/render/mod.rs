@@ -1,5 +1,7 @@
-//! `relume render`: an object in the light of a cloud, or of light probes; one picture or a sequence.
+//! `relume render`: an object in the light of a cloud, or of light probes, one picture or a sequence; or a cloud in the
+//! light of lamps.
 
+mod lamps;
 mod lighting;
 mod load;
 mod sequence;
@@ -15,6 +17,7 @@ use std::time::Instant;
 use glam::DVec3;
 
 use super::backdrop::BackdropArgs;
+use super::lamp_flags::LampArgs;
 use super::output::say;
 use super::probe_flags::ProbeArgs;
 use super::{progress, values};
@@ -22,7 +25,7 @@ use crate::formats::cloud::Up;
 use crate::formats::{image, object};
 use crate::frames::probes::Reflection;
 use crate::frames::{MaterialChoice, Method, Paper, Quality, Settings};
-use crate::gpu::{Capture, Context, ContextOptions};
+use crate::gpu::{Capture, Context, ContextOptions, Profile};
 use crate::trace::Trace;
 use crate::{Error, Result};
 use lighting::Placed;
@@ -63,9 +66,9 @@ pub(super) struct Args {
     /// Cloud (.ply, .pcd, .las, .laz) or saved hierarchy (.bsh); technique probes needs none
     #[arg(long, value_name = "FILE")]
     cloud: Option<PathBuf>,
-    /// Object: .gltf, .glb, .obj or .ply
+    /// Object: .gltf, .glb, .obj or .ply; technique lamps has none
     #[arg(long, value_name = "FILE")]
-    object: PathBuf,
+    object: Option<PathBuf>,
     /// Where the object's origin goes, in the cloud's coordinates [default: where the file puts it]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     object_at: Option<DVec3>,
@@ -84,7 +87,7 @@ pub(super) struct Args {
     /// Where estimated normals look, when the cloud does not know where the scanner stood [default: the object]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     towards: Option<DVec3>,
-    /// Eye [default: the object is framed]
+    /// Eye [default: the object is framed, or the whole scan]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vector, allow_hyphen_values = true)]
     camera_from: Option<DVec3>,
     /// Point in the middle of the image [default: the object's middle]
@@ -99,8 +102,9 @@ pub(super) struct Args {
     /// Technique, sizes and thresholds together: draft, normal or high
     #[arg(long, default_value = "normal")]
     quality: Quality,
-    /// classic, mipmapped, hybrid or shared, or probes, which lights by the probes alone [default: by --quality; hybrid
-    /// with --paper; classic where the device lacks what the others need; probes without a cloud]
+    /// classic, mipmapped, hybrid or shared; probes, which lights by the probes alone; or lamps, which shows the scan in
+    /// their light without an object [default: by --quality; hybrid with --paper; classic where the device lacks what the
+    /// others need; probes without a cloud]
     #[arg(long)]
     technique: Option<Method>,
     /// Micro-pixels along a side: even, 8 to 64 [default: by --quality]
@@ -126,6 +130,8 @@ pub(super) struct Args {
     /// Frames of the probes, the first and the last [default: the first; all where --out is a pattern]
     #[arg(long, value_name = "A..B", value_parser = sequence::frames)]
     frames: Option<RangeInclusive<u64>>,
+    #[command(flatten)]
+    lamps: LampArgs,
     #[command(flatten)]
     harmonics: HarmonicsArgs,
     /// file, diffuse:ALBEDO or metal:ALPHA
@@ -185,15 +191,17 @@ pub(super) struct HarmonicsArgs {
     /// ... directions a vertex of a transfer that is made
     #[arg(long, value_name = "N", default_value_t = 2500, value_parser = values::directions)]
     samples: u32,
-    /// ... bounces of light between parts of the object in a transfer that is made
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = values::bounces)]
-    bounces: u32,
+    /// ... bounces of light between parts of the object in a transfer that is made [default: 0]; with --lamp: bounces of
+    /// the lamps' light in the scan, at most 8 [default: 2]
+    #[arg(long, value_name = "N", value_parser = values::bounces)]
+    bounces: Option<u32>,
 }
 
 /// Refuses what makes no sense before anything is read.
 fn check(args: &Args, method: Method) -> Result<()> {
     let far = args.probes.probes.is_some() || args.environment.is_some();
     let refuse = |problem: String| Err(Error::Argument(problem));
+    lamps::check(args, method)?;
     if args.cloud.is_none() && method != Method::Probes {
         return refuse(format!("technique {method} needs --cloud FILE"));
     }
@@ -235,8 +243,13 @@ pub(super) fn run(args: &Args) -> Result<()> {
     })?;
     let method = lighting::pick(args, &context);
     check(args, method)?;
+    let (path, cloud) = match (&args.object, &args.cloud) {
+        (Some(object), _) => (object, args.cloud.as_deref()),
+        (None, Some(cloud)) => return lamps::run(args, &context, cloud, clock, start),
+        (None, None) => return Err(Error::Argument("there is neither --object nor --cloud".into())),
+    };
     let names = FrameNames::new(&args.out)?;
-    let object = clock.time("object", || object::load(&args.object))?;
+    let object = clock.time("object", || object::load(path))?;
     let mut source = clock.time("far field", || match (&args.probes.probes, &args.environment) {
         (Some(path), _) => Source::open(args, path, &names),
         (None, Some(path)) => image::read_far_field(path).map(|far_field| Source::still(Some(far_field))),
@@ -245,12 +258,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
     // The object's place is in the file's coordinates, which a cloud with large ones is not kept in: the cloud comes
     // first, and its normals look at the object.
     let lights = method != Method::Probes;
-    let cloud = args.cloud.as_deref().filter(|_| lights || args.backdrop.shows_points());
-    let scan = cloud.map(|path| load::scan(args, path, &object, lights, &mut clock)).transpose()?.unwrap_or_default();
+    let cloud = cloud.filter(|_| lights || args.backdrop.shows_points());
+    let scan = cloud.map(|path| load::scan(args, path, Some(&object), lights, &mut clock)).transpose()?;
+    let mut scan = scan.unwrap_or_default();
     let world_from_object = load::placement(args, scan.origin);
     let placed = object.clone().transformed(world_from_object);
-    let camera = load::camera(args, &placed, scan.origin)?;
+    let camera = load::camera(args, placed.bounds(), scan.origin)?;
     bar.finish_and_clear();
+    let mut profile = Profile::default();
+    if !args.lamps.lamps.is_empty() {
+        clock.time("lamps", || lamps::light_scan(args, &context, &mut scan, &camera, &mut profile))?;
+    }
 
     let single = source.frames.start() == source.frames.end();
     // In a sequence the scan's buffers stay beside the object's.
@@ -264,6 +282,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let object = Placed { own: &object, object: &placed, world_from_object };
     let set = Set { args, context, method, settings, scan, object, camera, names, single };
     let mut studio = Studio::new(set, capture);
+    studio.totals.profile = profile;
     while let Some(next) = source.next()? {
         studio.light(next.far_field.as_deref(), &mut clock)?;
         if !next.rendered {

@@ -64,6 +64,11 @@ impl Clock {
         Self { steps: Vec::new(), trace }
     }
 
+    /// Seconds by step.
+    pub(super) fn steps(&self) -> &[(&'static str, f64)] {
+        &self.steps
+    }
+
     pub(super) fn time<T>(&mut self, step: &'static str, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let start = Instant::now();
         let _span = self.trace.span(step);

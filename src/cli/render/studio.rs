@@ -57,12 +57,13 @@ impl<'a> Studio<'a> {
         }
         let transfer = match method {
             Method::Probes => clock.time("transfer", || super::lighting::transfer(args, object.own))?,
-            Method::Cloud(_) => None,
+            Method::Cloud(_) | Method::Lamps => None,
         };
         self.lighting = Some(clock.time("upload and pipelines", || {
             let mut lighting = match method {
                 Method::Cloud(_) => Lighting::by_cloud(context, scan, object.object, *settings, far_field)?,
                 Method::Probes => Lighting::by_probes(context, args, *object, settings, transfer.as_ref())?,
+                Method::Lamps => return Err(Error::Argument("technique lamps lights no object".into())),
             };
             if let (Method::Probes, Some(probe)) = (method, far_field) {
                 lighting.light(probe, &mut self.totals.profile)?;
@@ -99,9 +100,14 @@ impl<'a> Studio<'a> {
             self.lighting = Some(lighting);
         }
         let far_field = next.far_field.as_deref();
-        let around = Around { points: scan.chunks.clone(), far_field, object: object.object };
-        let scan = clock
+        let points = scan.chunks.clone().filter(|_| args.backdrop.shows_points());
+        let around = Around { points, far_field, object: object.object };
+        let lit = scan.lit.as_ref().filter(|_| args.backdrop.shows_light());
+        let mut scan = clock
             .time("backdrop", || args.backdrop.render_points(context, &around, camera, settings, &mut self.backdrop))?;
+        if let (Some(points), Some((light, share))) = (&mut scan, lit) {
+            light.add_to(points, *share);
+        }
         let composite = args.backdrop.compose(&frame, camera, scan.as_ref(), &around);
         let messages = context.validation.messages();
         if let Some(first) = messages.first() {

@@ -7,6 +7,7 @@ pub(in crate::preprocess) mod morton;
 mod nodes;
 mod propagate;
 mod prune;
+mod refit;
 mod sort;
 mod sphere;
 mod tree;
@@ -19,8 +20,10 @@ use crate::scene::Cloud;
 use crate::{Error, Result};
 
 pub use cone::PackedCone;
+pub(crate) use nodes::mean_luminance;
 pub use nodes::{Hierarchy, MAX_DEPTH};
 pub use prune::ColorRule;
+pub use refit::NodeRadiance;
 
 /// How far subtrees of like points are clustered into leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -36,6 +36,11 @@ pub struct Hierarchy {
     pub brightest_point: f32,
 }
 
+/// Mean luminance of a cloud whose nodes have these colours.
+pub(crate) fn mean_luminance(colors: &[[f32; 3]]) -> f32 {
+    colors.first().map_or(0.0, |color| luminance(*color))
+}
+
 fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
@@ -58,16 +63,21 @@ impl Hierarchy {
 
     /// Mean luminance of all points; 0 without any.
     pub fn mean_luminance(&self) -> f32 {
-        self.colors.first().map_or(0.0, |color| luminance(*color))
+        mean_luminance(&self.colors)
     }
 
     /// True for an inner node that a cut never takes as it is: bright points whose normals spread more than 25 degrees
     /// about their axis. One area and one radiance vector cannot say how much of a lamp's edge is seen from where, and
     /// with lamps that shows. Not in the paper.
     pub fn opens(&self, node: usize) -> bool {
+        self.opens_in(&self.colors, node)
+    }
+
+    /// The same where nodes send other radiance ([`super::NodeRadiance::colors`]).
+    pub fn opens_in(&self, colors: &[[f32; 3]], node: usize) -> bool {
         const SPREAD_COSINE: f32 = 0.9;
         const BRIGHT: f32 = 4.0;
-        let bright = luminance(self.colors[node]) > BRIGHT * self.mean_luminance();
+        let bright = luminance(colors[node]) > BRIGHT * mean_luminance(colors);
         bright && !self.is_leaf(node) && self.cones[node].decode().1 < SPREAD_COSINE
     }
 

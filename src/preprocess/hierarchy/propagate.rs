@@ -227,10 +227,9 @@ fn cell(points: &[Point]) -> Summary {
 /// The parent of two nodes.
 fn merge(left: &Summary, right: &Summary) -> Summary {
     let area = left.area + right.area;
-    // The right child's share of the area; half where neither has any.
-    let share = if area > 0.0 { right.area / area } else { 0.5 };
+    let share = right_share(left.area, right.area);
     let across = right.color - left.color;
-    let color = left.color + across * share;
+    let color = mean_color((left.color, left.area), (right.color, right.area));
     Summary {
         sphere: sphere::around(left.sphere, right.sphere),
         cone: cone::around(left.cone, right.cone),
@@ -248,8 +247,19 @@ fn merge(left: &Summary, right: &Summary) -> Summary {
     }
 }
 
+/// The right child's share of the area; half where neither has any.
+fn right_share(left: f32, right: f32) -> f32 {
+    let area = left + right;
+    if area > 0.0 { right / area } else { 0.5 }
+}
+
+/// The mean by area of two children's colours.
+pub(super) fn mean_color((left, left_area): (Vec3, f32), (right, right_area): (Vec3, f32)) -> Vec3 {
+    left + (right - left) * right_share(left_area, right_area)
+}
+
 /// The sum of radiance vectors below a node of a mean colour: none where that is black, if only by rounding, since
 /// there is no chromaticity then to give it.
-fn of_color(color: Vec3, sum: Vec3) -> Vec3 {
+pub(super) fn of_color(color: Vec3, sum: Vec3) -> Vec3 {
     if color == Vec3::ZERO { Vec3::ZERO } else { sum }
 }
