@@ -19,6 +19,8 @@ pub struct SurfelViewPass {
     /// Unit normals, world space, a pixel.
     pub normals: Buffer,
     keys: Buffer,
+    _sides: Buffer,
+    edges: Operator,
     nearest: Operator,
     resolve: Operator,
     /// By buffer of points.
@@ -36,15 +38,20 @@ impl SurfelViewPass {
         let four = vk::Format::R32G32B32A32_SFLOAT;
         let surface = Buffer::with_texels(context, "surface", pixels * 16, four)?;
         let normals = Buffer::with_texels(context, "surface normals", pixels * 16, four)?;
-        let keys = Buffer::with_texels(context, "surfel keys", pixels * 8, vk::Format::R32G32_UINT)?;
+        let keys = Buffer::with_texels(context, "surfel keys", pixels * 16, vk::Format::R32G32_UINT)?;
+        let sides = Buffer::with_texels(context, "surfel sides", pixels * 4, vk::Format::R32_UINT)?;
         let shared = Bindings::new()
             .buffer("shaded_in", &images.shaded)
             .buffer("shaded_normals_in", &images.shaded_normals)
             .buffer("SurfelKeys", &keys)
             .buffer("surfel_taken", &keys)
+            .buffer("SurfelSides", &sides)
+            .buffer("surfel_sides_in", &sides)
+            .buffer("surfel_sides_out", &sides)
             .buffer("surface_out", &surface)
             .buffer("surface_normals_out", &normals);
         let first = shared.clone().and(points[0].bindings());
+        let edges = Operator::new(context, "surfel_view/edges.comp", &[], &first)?;
         let nearest = Operator::new(context, "surfel_view/nearest.comp", &[], &first)?;
         let resolve = Operator::new(context, "surfel_view/resolve.comp", &[], &first)?;
         let sets = points
@@ -54,7 +61,7 @@ impl SurfelViewPass {
                 Ok([nearest.set(&bindings)?, resolve.set(&bindings)?])
             })
             .collect::<Result<_>>()?;
-        Ok(Self { surface, normals, keys, nearest, resolve, sets })
+        Ok(Self { surface, normals, keys, _sides: sides, edges, nearest, resolve, sets })
     }
 
     /// The G-buffer under the names that shaders use.
@@ -68,6 +75,7 @@ impl SurfelViewPass {
     /// When there are more points or pixels than a dispatch has.
     pub fn record(&self, recorder: &mut Recorder, points: &[LitPoints<'_>], view: PointView) -> Result<()> {
         super::fill(recorder, "clear surfels", &[(&self.keys, u32::MAX)]);
+        self.edges.record(recorder, "silhouettes", &view, view.pixels())?;
         for (buffer, [set, _]) in points.iter().zip(&self.sets) {
             let dispatches: Vec<_> = buffer
                 .runs()
