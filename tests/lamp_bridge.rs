@@ -221,7 +221,7 @@ fn an_object_is_lit_straight_from_the_lamp_and_shades_the_room() {
         assert!(covered == 1.0, "pixel {x}, {y} shows the sphere");
         // Where the light grazes it, the bias of shadow maps lets a little through.
         if cosine.abs() > 0.15 {
-            assert!((value - expected).abs() < 0.04 * expected + 0.02, "pixel {x}, {y}: {value} instead of {expected}");
+            assert!((value - expected).abs() < 0.04 * expected + 0.05, "pixel {x}, {y}: {value} instead of {expected}");
             on_object += 1;
         }
     }

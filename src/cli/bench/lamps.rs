@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::lamp_bridge::{self, Bridge};
 use super::median;
 use crate::cli::output::say;
 use crate::cli::{progress, render, values};
@@ -71,6 +72,8 @@ struct Report<'a> {
     width: u32,
     height: u32,
     rows: &'a [Row],
+    /// Lamps for an object.
+    bridge: Bridge,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -141,8 +144,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
             row.bounce_over_geometry
         )?;
     }
+    let bridge = lamp_bridge::measure(&context, &lamp, base)?;
+    bridge.print()?;
     if let Some(path) = &args.json {
-        render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows })?;
+        render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows, bridge })?;
     }
     Ok(())
 }

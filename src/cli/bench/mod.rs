@@ -1,5 +1,6 @@
 //! `relume bench`: measurements.
 
+mod lamp_bridge;
 mod lamps;
 mod microbuffers;
 mod pbgi;
