@@ -117,6 +117,17 @@ fn a_scan_alone_is_lit_and_bounces_add_light() {
         assert!(value > 1.02 * last, "{value} with {bounces} bounces after {last}");
         last = value;
     }
+    // What reflects half of the light, or all red things of it, is between.
+    let all = ["--lamp", SPOT, "--bounces", "3", "--vpls", "64", "--towards", "0,1,0"];
+    let with = |more: &[&str]| {
+        succeeds(&strings(&place.alone("box.ply", "lit.exr", &[&all[..], more].concat())));
+        brightness(&place.path("lit.exr"))
+    };
+    let half = with(&["--surfaces", "diffuse=0.5"]);
+    let red = with(&["--brush", "from=0.5,0,0 to=1,0.2,0.2 diffuse=0 specular=0.3 shininess=20"]);
+    let grey = with(&["--albedo-from", "constant:0.5"]);
+    assert!(half < 0.5 * last && red < 0.98 * last && red > half, "{half}, {red} and {last}");
+    assert!(grey > 0.3 * last && grey < last, "{grey} and {last}");
     let (stats, lamp) = (place.text("s.json"), ["--lamp", SPOT, "--lamp", "point at=0,1,0.5 power=3 color=0,0,1"]);
     let more =
         [&lamp[..], &["--stats", &stats, "--scan-light", "0.5", "--interleave", "4", "--ism-size", "16"]].concat();
@@ -183,6 +194,9 @@ fn odd_input_gives_clear_pictures_or_clear_lines() {
         (alone(&["--lamp", SPOT, "--backdrop", "points"]), "the scan alone"),
         (alone(&["--lamp", SPOT, "--object", &place.text("cube.obj")]), "without --object"),
         (alone(&[&["--lamp", SPOT][..]; 65].concat()), "65 views"),
+        (alone(&["--lamp", SPOT, "--albedo-from", "light"]), "colour or constant:V"),
+        (alone(&["--lamp", SPOT, "--brush", "from=0,0,0"]), "needs from"),
+        (alone(&["--lamp", SPOT, "--surfaces", "specular=0.5"]), "more light"),
         (place.with_cube("no.exr", &["--vpls", "64"]), "need --lamp"),
         (place.with_cube("no.exr", &["--lamp", SPOT, "--technique", "probes"]), "lights a cloud"),
     ] {

@@ -17,7 +17,7 @@ use crate::passes::ism::IsmPass;
 use crate::passes::lamp_cloud::LampCloudPass;
 use crate::passes::lamp_light::LampLightPass;
 use crate::passes::lamp_object::{LampObjectPass, LampObjectTargets};
-use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
+use crate::passes::lamp_view::{LampPass, LampView, LampViewPass, Materials};
 use crate::passes::points::PointView;
 use crate::passes::surfel_view::SurfelViewPass;
 use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
@@ -26,10 +26,10 @@ use crate::preprocess::point_chunks::{PackedPoint, PackedSurfel, PointChunks, pa
 use crate::scene::{Camera, Lamp, Object, Vertex};
 use crate::{Error, Result};
 
-pub use crate::passes::lamp_view::Surfaces;
+pub use crate::scene::surfaces::{AlbedoFrom, Brush, Surfaces};
 
 /// Everything that the picture of a lit cloud depends on besides cloud, camera and lamps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct LampSettings {
     /// Width, pixels.
     pub width: u32,
@@ -49,8 +49,12 @@ pub struct LampSettings {
     pub ism_points: u32,
     /// Pixels along a side of a lamp's view, a power of two.
     pub light_size: u32,
-    /// What all surfaces are made of.
+    /// What surfaces are made of that no brush is about.
     pub surfaces: Surfaces,
+    /// What surfaces of chosen colours are made of; the first that fits wins, at most [`Brush::MOST`].
+    pub brushes: Vec<Brush>,
+    /// Where the albedos of points come from.
+    pub albedo: AlbedoFrom,
     /// Most bytes of device objects.
     pub memory_budget: u64,
 }
@@ -68,6 +72,8 @@ impl Default for LampSettings {
             ism_points: 4096,
             light_size: 512,
             surfaces: Surfaces::default(),
+            brushes: Vec::new(),
+            albedo: AlbedoFrom::default(),
             memory_budget: super::Settings::DEFAULT_BUDGET,
         }
     }
@@ -91,10 +97,18 @@ impl LampSettings {
         width * height * 7 * 16 + light * light * 6 * 16 + vpls * ism_size * ism_size * 16 / 3
     }
 
+    fn materials(&self) -> Materials<'_> {
+        Materials { surfaces: self.surfaces, brushes: &self.brushes, albedo: self.albedo }
+    }
+
+    /// Whether any surface has a mirror's lobe.
+    fn glossy(&self) -> bool {
+        self.surfaces.specular > 0.0 || self.brushes.iter().any(|brush| brush.surfaces.specular > 0.0)
+    }
+
     /// [`Error::Argument`] about the first setting that makes no sense.
     fn check(&self) -> Result<()> {
-        let Self { bounces, vpls, interleave, ism_size, light_size, surfaces, .. } = *self;
-        let share = |value: f32| (0.0..=1.0).contains(&value);
+        let Self { bounces, vpls, interleave, ism_size, light_size, .. } = *self;
         let problem = if !Self::BOUNCES.contains(&bounces) {
             format!("{bounces} bounces of light; at most {}", Self::BOUNCES.end())
         } else if !Self::VPLS.contains(&vpls) || vpls % 16 != 0 {
@@ -107,13 +121,10 @@ impl LampSettings {
             format!("shadow maps of {ism_size} texels a side; a power of two from {low} to {high}")
         } else if !(16..=2048).contains(&light_size) || !light_size.is_power_of_two() {
             format!("views of lamps of {light_size} pixels a side; a power of two from 16 to 2048")
-        } else if !(share(surfaces.diffuse) && share(surfaces.specular) && surfaces.diffuse + surfaces.specular <= 1.0)
-        {
-            "surfaces that reflect more light than they get, or less than none".to_owned()
-        } else if !(1.0..=10_000.0).contains(&surfaces.shininess) {
-            format!("a shininess of {}; it is 1 to 10000", surfaces.shininess)
         } else {
-            return Ok(());
+            let materials = self.surfaces.check().map_err(|problem| format!("surfaces: {problem}"));
+            let materials = materials.and_then(|()| Brush::check_all(&self.brushes)).and_then(|()| self.albedo.check());
+            return materials.map_err(Error::Argument);
         };
         Err(Error::Argument(problem))
     }
@@ -499,7 +510,7 @@ impl LampRenderer {
             return Ok(pass);
         }
         self.drawn = None;
-        passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
+        passes.views.set_up(&views, self.settings.materials(), self.area / vpls as f32, light_size)?;
         let mut recorder = Recorder::new(&self.context)?;
         passes.views.clear(&mut recorder);
         recorder.finish(profile)?;
@@ -583,8 +594,8 @@ impl LampRenderer {
             return Ok(());
         }
         (self.passes, self.drawn) = (None, None);
-        let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
-        let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
+        let LampSettings { vpls, light_size, ism_size, ism_fill, .. } = self.settings;
+        let (context, lights, glossy) = (&self.context, &self.lights, self.settings.glossy());
         let points = self.lit_points();
         let lamp_surface = SurfelViewPass::new(context, self.lamp.images(), &points)?;
         let camera_surface = SurfelViewPass::new(context, self.camera.images(), &points)?;
