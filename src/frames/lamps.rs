@@ -2,6 +2,7 @@
 //! with imperfect shadow maps (Preiner 2010).
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use ash::vk;
@@ -24,7 +25,7 @@ use crate::{Error, Result};
 pub use crate::passes::lamp_view::Surfaces;
 
 /// Everything that the picture of a lit cloud depends on besides cloud, camera and lamps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LampSettings {
     /// Width, pixels.
     pub width: u32,
@@ -86,8 +87,28 @@ impl LampSettings {
         width * height * 7 * 16 + light * light * 6 * 16 + vpls * ism_size * ism_size * 16 / 3
     }
 
-    /// [`Error::Argument`] about the first setting that makes no sense.
-    fn check(&self) -> Result<()> {
+    /// [`Error::Limit`] where objects of that size do not fit the budget.
+    fn check_budget(&self) -> Result<()> {
+        let needed = self.bytes();
+        if needed > self.memory_budget {
+            return Err(Error::Limit(format!(
+                "{}x{} pixels and {} shadow maps of {4}x{4} texels need {3} MiB, the memory budget is {5} MiB",
+                self.width,
+                self.height,
+                self.vpls,
+                needed.div_ceil(1 << 20),
+                self.ism_size,
+                self.memory_budget >> 20
+            )));
+        }
+        Ok(())
+    }
+
+    /// Whether they make sense.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] about the first setting that does not.
+    pub fn check(&self) -> Result<()> {
         let Self { bounces, vpls, interleave, ism_size, light_size, surfaces, .. } = *self;
         let share = |value: f32| (0.0..=1.0).contains(&value);
         let problem = if !Self::BOUNCES.contains(&bounces) {
@@ -198,7 +219,7 @@ pub struct LampRenderer {
     camera: PointRenderer,
     /// One view of a lamp after the other.
     lamp: PointRenderer,
-    surfels: Vec<Buffer>,
+    surfels: Arc<Vec<Buffer>>,
     count: u32,
     /// Bounding sphere of the cloud.
     bounds: (Vec3, f32),
@@ -207,8 +228,11 @@ pub struct LampRenderer {
     /// Typical distance between its points, metres.
     spacing: f32,
     lights: VplBuffers,
-    chosen: Chosen,
+    chosen: Arc<Chosen>,
     passes: Option<Passes>,
+    /// The lamps whose light the buffers have; none after what was not ended.
+    lit: Option<Vec<Lamp>>,
+    stop: Option<Arc<AtomicBool>>,
 }
 
 /// What depends on the number of views.
@@ -232,26 +256,19 @@ impl LampRenderer {
     /// fits the budget or the device.
     pub fn new(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSettings) -> Result<Self> {
         settings.check()?;
+        settings.check_budget()?;
         let LampSettings { width, height, memory_budget, light_size, vpls, .. } = settings;
         if chunks.surfels.len() != chunks.points.len() {
             return Err(Error::Argument("lamps need a cloud with normals, and this one has none".into()));
         }
-        let needed = settings.bytes();
-        if needed > memory_budget {
-            return Err(Error::Limit(format!(
-                "{width}x{height} pixels and {vpls} shadow maps of {0}x{0} texels need {1} MiB, the memory budget is {2} MiB",
-                settings.ism_size,
-                needed.div_ceil(1 << 20),
-                memory_budget >> 20
-            )));
-        }
-        let points = PointSettings { width, height, memory_budget: memory_budget - needed, ..PointSettings::default() };
+        let memory_budget = memory_budget - settings.bytes();
+        let points = PointSettings { width, height, memory_budget, ..PointSettings::default() };
         let camera = PointRenderer::new(context, chunks, points)?;
         if camera.resident_buffers().is_none() {
             return Err(Error::Limit(format!(
                 "{} points do not fit a memory budget of {} MiB, and lamps need all of them at once",
                 chunks.points.len(),
-                memory_budget >> 20
+                settings.memory_budget >> 20
             )));
         }
         let lamp = camera.beside(light_size, light_size)?;
@@ -270,15 +287,79 @@ impl LampRenderer {
             settings,
             camera,
             lamp,
-            surfels,
+            surfels: Arc::new(surfels),
             count: chunks.points.len() as u32,
             bounds,
             area,
             spacing: chunks.spacing,
             lights,
-            chosen: Chosen::default(),
+            chosen: Arc::default(),
             passes: None,
+            lit: None,
+            stop: None,
         })
+    }
+
+    /// Lights the same points, the chosen ones too, with other settings, from the same memory.
+    ///
+    /// # Errors
+    /// As [`LampRenderer::new`].
+    pub fn beside(&self, settings: LampSettings) -> Result<Self> {
+        settings.check()?;
+        settings.check_budget()?;
+        let camera = self.camera.beside(settings.width, settings.height)?;
+        let lamp = camera.beside(settings.light_size, settings.light_size)?;
+        Ok(Self {
+            context: self.context.clone(),
+            settings,
+            camera,
+            lamp,
+            surfels: self.surfels.clone(),
+            lights: VplBuffers::new(&self.context, settings.vpls)?,
+            chosen: self.chosen.clone(),
+            passes: None,
+            lit: None,
+            stop: None,
+            ..*self
+        })
+    }
+
+    /// Settings of its pictures.
+    pub fn settings(&self) -> &LampSettings {
+        &self.settings
+    }
+
+    /// Pictures and light end with [`Error::Stopped`] soon after `stop` becomes true; never by themselves for `None`.
+    pub fn stop_when(&mut self, stop: Option<Arc<AtomicBool>>) {
+        self.stop = stop;
+    }
+
+    fn check_stop(&self) -> Result<()> {
+        match &self.stop {
+            Some(stop) if stop.load(Ordering::Relaxed) => Err(Error::Stopped),
+            _ => Ok(()),
+        }
+    }
+
+    /// Renders pictures of another size from now on.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size without pixels, [`Error::Limit`] where it does not fit the budget or the device.
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
+        if (width, height) == (self.settings.width, self.settings.height) {
+            return Ok(());
+        }
+        let settings = LampSettings { width, height, ..self.settings };
+        settings.check_budget()?;
+        self.camera.resize(width, height)?;
+        self.settings = settings;
+        // A picture of the old size is of no use where the new one does not fit.
+        let Some(mut passes) = self.passes.take() else { return Ok(()) };
+        let points = self.lit_points();
+        passes.camera_surface.bind(self.camera.images(), &points)?;
+        passes.light.bind((&passes.camera_surface, width, height), &self.lights, (&passes.views, &passes.ism))?;
+        self.passes = Some(passes);
+        Ok(())
     }
 
     /// Chooses the points that [`LampRenderer::light`] lights: those of the cloud, or means of them, with their normals.
@@ -290,13 +371,13 @@ impl LampRenderer {
             return Err(Error::Argument(format!("{} points to light with {} normals", points.len(), surfels.len())));
         }
         self.passes = None;
-        self.chosen = Chosen::default();
+        let mut chosen = Chosen { count: points.len() as u32, ..Chosen::default() };
         for (points, surfels) in points.chunks(BUFFER_POINTS).zip(surfels.chunks(BUFFER_POINTS)) {
             let texels = Buffer::texels_from_slice(&self.context, "lit points", points, vk::Format::R32G32B32A32_UINT)?;
             let normals = Buffer::texels_from_slice(&self.context, "lit surfels", surfels, vk::Format::R32G32_UINT)?;
-            self.chosen.buffers.push((texels, normals));
+            chosen.buffers.push((texels, normals));
         }
-        self.chosen.count = points.len() as u32;
+        self.chosen = Arc::new(chosen);
         Ok(())
     }
 
@@ -344,7 +425,7 @@ impl LampRenderer {
         let LampSettings { width, height, .. } = self.settings;
         let pixels = width as usize * height as usize;
         let color_depth = match &self.passes {
-            Some(passes) => passes.light.lit.download(pixels)?,
+            Some(passes) => passes.light.images.lit.download(pixels)?,
             None => Vec::new(),
         };
         let wall_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -359,7 +440,7 @@ impl LampRenderer {
         let pixels = self.settings.width as usize * self.settings.height as usize;
         let Some(passes) = &self.passes else { return Ok(LampSurface::default()) };
         let color_depth = self.camera.images().shaded.download(pixels)?;
-        Ok(LampSurface { color_depth, normal: passes.camera_surface.normals.download(pixels)? })
+        Ok(LampSurface { color_depth, normal: passes.camera_surface.normals().download(pixels)? })
     }
 
     /// Irradiance of the last picture, straight from the lamps and after all bounces, a pixel.
@@ -369,7 +450,7 @@ impl LampRenderer {
     pub fn irradiance(&self) -> Result<[Vec<[f32; 4]>; 2]> {
         let pixels = self.settings.width as usize * self.settings.height as usize;
         let Some(passes) = &self.passes else { return Ok([Vec::new(), Vec::new()]) };
-        Ok([passes.light.direct.download(pixels)?, passes.light.bounced.download(pixels)?])
+        Ok([passes.light.images.direct.download(pixels)?, passes.light.images.bounced.download(pixels)?])
     }
 
     /// All passes of a picture.
@@ -379,6 +460,8 @@ impl LampRenderer {
         let views: Vec<LampView> =
             lamps.iter().flat_map(|lamp| LampView::of_lamp(lamp, self.bounds, light_size)).collect();
         self.prepare(views.len())?;
+        // Of more bounces than one the buffers have the last lights only.
+        let known = self.lit.take().is_some_and(|lit| lit == lamps) && bounces <= 1;
         let rounds = rounds(self.count, vpls, ism_points);
         let Some(passes) = &self.passes else { return Ok(()) };
         let pass = LampPass {
@@ -395,13 +478,15 @@ impl LampRenderer {
                 Wanted::Chosen => LampPass::default(),
             }
         };
-        passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
-
+        if !known {
+            passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
+            let mut recorder = Recorder::new(&self.context)?;
+            passes.views.clear(&mut recorder);
+            recorder.finish(profile)?;
+        }
         // The light G-buffers, and where they are important (4.1, 4.2).
-        let mut recorder = Recorder::new(&self.context)?;
-        passes.views.clear(&mut recorder);
-        recorder.finish(profile)?;
-        for (view, number) in views.iter().zip(0..) {
+        for (view, number) in views.iter().zip(0..).filter(|_| !known) {
+            self.check_stop()?;
             self.lamp.draw(&view.camera, profile)?;
             let mut recorder = Recorder::new(&self.context)?;
             let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
@@ -415,7 +500,9 @@ impl LampRenderer {
         }
         let (points, chosen) = (self.lit_points(), self.chosen.points());
         let mut recorder = Recorder::new(&self.context)?;
-        passes.views.pyramid(&mut recorder, pass)?;
+        if !known {
+            passes.views.pyramid(&mut recorder, pass)?;
+        }
         match (wanted, &passes.cloud) {
             (Wanted::Picture(camera), _) => {
                 let seen = PointView::new(camera, width, height, self.spacing);
@@ -426,10 +513,14 @@ impl LampRenderer {
             (Wanted::Chosen, None) => {}
         }
         // The first lights (4.2), and bounce by bounce their maps (4.3), their light (4.4) and the next (4.5).
-        passes.vpl.place(&mut recorder, pass)?;
+        if !known {
+            passes.vpl.place(&mut recorder, pass)?;
+        }
         for bounce in 0..bounces {
             let (pass, now) = (LampPass { bounce, ..pass }, (bounce % 2) as usize);
-            passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
+            if !known {
+                passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
+            }
             match (wanted, &passes.cloud) {
                 (Wanted::Picture(_), _) => passes.light.gather(&mut recorder, pass, now)?,
                 (Wanted::Chosen, Some(cloud)) => cloud.gather(&mut recorder, &chosen, pass, now)?,
@@ -438,11 +529,16 @@ impl LampRenderer {
             if bounce + 1 < bounces {
                 passes.vpl.redistribute(&mut recorder, &points, (pass, rounds), now)?;
             }
+            recorder.finish(profile)?;
+            self.check_stop()?;
+            recorder = Recorder::new(&self.context)?;
         }
         if let Wanted::Picture(_) = wanted {
             passes.light.compose(&mut recorder, pass)?;
         }
-        recorder.finish(profile)
+        recorder.finish(profile)?;
+        self.lit = Some(lamps.to_vec());
+        Ok(())
     }
 
     /// Makes what the number of views asks for, unless it is there.
@@ -456,7 +552,7 @@ impl LampRenderer {
         if self.passes.as_ref().is_some_and(|passes| passes.side == side) {
             return Ok(());
         }
-        self.passes = None;
+        (self.passes, self.lit) = (None, None);
         let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
         let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
         let points = self.lit_points();
@@ -485,7 +581,7 @@ impl LampRenderer {
             let base = index * most;
             LitPoints { points: points.buffer(), surfels, base, count: most.min(self.count - base) }
         };
-        (0..).zip(buffers.iter().zip(&self.surfels)).map(part).collect()
+        (0..).zip(buffers.iter().zip(self.surfels.iter())).map(part).collect()
     }
 }
 
