@@ -140,8 +140,10 @@ fn push_constants() -> [Struct; 9] {
             first as "first",
             count as "count",
             base as "base",
-            round as "round",
+            points as "points",
+            offset as "offset",
             spread as "spread",
+            material as "material",
         }),
     ]
 }

@@ -23,4 +23,5 @@ layout(push_constant) uniform LampPass {
     uint points;     // of the cloud
     uint offset;     // from a point's place along the cloud to the light that it serves
     float spread;    // from the spacing of a point to that of the points of one map
+    float material;  // albedo or GGX alpha of an object
 } lamp_pass;

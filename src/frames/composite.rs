@@ -45,7 +45,9 @@ pub fn compose(frame: &Frame, camera: &Camera, backdrop: Backdrop<'_>) -> Compos
             let (behind, filled) = match (scan, backdrop.environment) {
                 ([r, g, b, depth], _) if depth > 0.0 => {
                     let left = backdrop.points.and_then(|points| points.shadow.get(at)).map_or([1.0; 4], |left| *left);
-                    (Vec3::new(r * left[0], g * left[1], b * left[2]), 1.0)
+                    let own = Vec3::new(r * left[0], g * left[1], b * left[2]);
+                    let lit = backdrop.points.and_then(|points| points.lit.as_ref());
+                    (lit.map_or(own, |lit| own * lit.share + Vec3::from_slice(&lit.radiance[at])), 1.0)
                 }
                 (_, Some(far)) => {
                     let (x, y) = (at as u32 % width, at as u32 / width);

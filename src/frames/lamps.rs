@@ -8,18 +8,23 @@ use std::time::Instant;
 use ash::vk;
 use glam::Vec3;
 
-use super::points::{BUFFER_POINTS, PointFrame, PointRenderer, PointSettings};
+use super::Frame;
+use super::points::{BUFFER_POINTS, LitBy, PointFrame, PointRenderer, PointSettings};
+use super::region::Bounds;
 use crate::gpu::{Buffer, Context, Profile, Recorder};
+use crate::passes::convolve::MaterialChoice;
+use crate::passes::gbuffer::{GBufferPass, Rect, View};
 use crate::passes::ism::IsmPass;
 use crate::passes::lamp_cloud::LampCloudPass;
 use crate::passes::lamp_light::LampLightPass;
+use crate::passes::lamp_object::{LampObjectPass, LampObjectTargets};
 use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
 use crate::passes::points::PointView;
 use crate::passes::surfel_view::SurfelViewPass;
 use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
 use crate::preprocess::hierarchy::{Hierarchy, NodeRadiance};
 use crate::preprocess::point_chunks::{PackedPoint, PackedSurfel, PointChunks, packed_leaves};
-use crate::scene::{Camera, Lamp};
+use crate::scene::{Camera, Lamp, Object, Vertex};
 use crate::{Error, Result};
 
 pub use crate::passes::lamp_view::Surfaces;
@@ -153,9 +158,7 @@ pub struct LampFrame {
 impl LampFrame {
     /// Lights a picture of the same cloud from the same place, of whose own light `share` stays.
     pub fn add_to(&self, points: &mut PointFrame, share: f32) {
-        for ([r, g, b, _], [more_r, more_g, more_b, _]) in points.color_depth.iter_mut().zip(&self.color_depth) {
-            (*r, *g, *b) = (*r * share + more_r, *g * share + more_g, *b * share + more_b);
-        }
+        points.lit = Some(LitBy { radiance: self.color_depth.clone(), share });
     }
 
     /// Whether any light falls on what is seen.
@@ -182,6 +185,34 @@ pub struct PointLight {
     pub profile: Profile,
     /// Wall time, milliseconds.
     pub wall_ms: f64,
+}
+
+/// Light of the lamps on the object itself, row by row from the top.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectLight {
+    /// Radiance that the object reflects of what comes straight from the lamps; w is 1 where it is.
+    pub radiance: Vec<[f32; 4]>,
+    /// Times and counts by pass.
+    pub profile: Profile,
+    /// Wall time, milliseconds.
+    pub wall_ms: f64,
+}
+
+impl ObjectLight {
+    /// Adds it to a picture of the same object from the same place.
+    pub fn add_to(&self, frame: &mut Frame) {
+        for (rgba, more) in frame.rgba.iter_mut().zip(&self.radiance).filter(|(rgba, _)| rgba[3] > 0.0) {
+            (0..3).for_each(|channel| rgba[channel] += more[channel]);
+        }
+    }
+}
+
+/// An object that stands in the lamps' light.
+struct LitObject {
+    gbuffer: GBufferPass,
+    targets: LampObjectTargets,
+    bounds: Bounds,
+    material: MaterialChoice,
 }
 
 /// Where a picture's light is wanted.
@@ -229,9 +260,12 @@ pub struct LampRenderer {
     spacing: f32,
     lights: VplBuffers,
     chosen: Arc<Chosen>,
+    object: Option<LitObject>,
     passes: Option<Passes>,
-    /// The lamps whose light the buffers have; none after what was not ended.
-    lit: Option<Vec<Lamp>>,
+    /// Lamps whose views are in the atlas.
+    drawn: Option<Vec<Lamp>>,
+    /// The first lights of these, and their maps, are in the buffers.
+    mapped: bool,
     stop: Option<Arc<AtomicBool>>,
 }
 
@@ -246,6 +280,8 @@ struct Passes {
     light: LampLightPass,
     /// Where points were chosen.
     cloud: Option<LampCloudPass>,
+    /// Where there is an object.
+    object: Option<LampObjectPass>,
 }
 
 impl LampRenderer {
@@ -294,13 +330,16 @@ impl LampRenderer {
             spacing: chunks.spacing,
             lights,
             chosen: Arc::default(),
+            object: None,
             passes: None,
-            lit: None,
+            drawn: None,
+            mapped: false,
             stop: None,
         })
     }
 
-    /// Lights the same points, the chosen ones too, with other settings, from the same memory.
+    /// Lights the same points, the chosen ones too, with other settings and no object, from the
+    /// same memory.
     ///
     /// # Errors
     /// As [`LampRenderer::new`].
@@ -317,8 +356,10 @@ impl LampRenderer {
             surfels: self.surfels.clone(),
             lights: VplBuffers::new(&self.context, settings.vpls)?,
             chosen: self.chosen.clone(),
+            object: None,
             passes: None,
-            lit: None,
+            drawn: None,
+            mapped: false,
             stop: None,
             ..*self
         })
@@ -358,8 +399,91 @@ impl LampRenderer {
         let points = self.lit_points();
         passes.camera_surface.bind(self.camera.images(), &points)?;
         passes.light.bind((&passes.camera_surface, width, height), &self.lights, (&passes.views, &passes.ism))?;
+        if let Some(object) = self.object.as_mut().filter(|object| !object.targets.hold(region(&settings))) {
+            object.targets = LampObjectTargets::new(&self.context, settings.light_size, region(&settings))?;
+            let pass = LampObjectPass::new(&self.context, &passes.views, &object.targets, object.material)?;
+            passes.object = Some(pass);
+        }
         self.passes = Some(passes);
         Ok(())
+    }
+
+    /// Puts an object, in world space, into the light, or takes it away: it casts shadows, and
+    /// [`LampRenderer::light_object`] lights it.
+    ///
+    /// # Errors
+    /// When it does not fit the device.
+    pub fn set_object(&mut self, object: Option<(&Object, MaterialChoice)>) -> Result<()> {
+        (self.passes, self.object) = (None, None);
+        let Some((object, material)) = object else { return Ok(()) };
+        self.object = Some(LitObject {
+            gbuffer: GBufferPass::new(&self.context, object)?,
+            targets: LampObjectTargets::new(&self.context, self.settings.light_size, region(&self.settings))?,
+            bounds: Bounds::of(&object.vertices),
+            material,
+        });
+        Ok(())
+    }
+
+    /// Moves the object: the same vertices, in their order, at other places of world space.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for another number of vertices or without an object; Vulkan's own errors.
+    pub fn place_object(&mut self, vertices: &[Vertex]) -> Result<()> {
+        let Some(object) = &mut self.object else {
+            return Err(Error::Argument("there is no object in the lamps' light".into()));
+        };
+        object.gbuffer.place(vertices)?;
+        object.bounds = Bounds::of(vertices);
+        self.drawn = None;
+        Ok(())
+    }
+
+    /// Makes the object of something else.
+    ///
+    /// # Errors
+    /// When a pipeline for it cannot be made.
+    pub fn set_material(&mut self, material: MaterialChoice) -> Result<()> {
+        let Some(object) = self.object.as_mut().filter(|object| object.material != material) else { return Ok(()) };
+        object.material = material;
+        let Some(passes) = &mut self.passes else { return Ok(()) };
+        if !passes.object.as_mut().is_some_and(|pass| pass.set_material(material)) {
+            passes.object = Some(LampObjectPass::new(&self.context, &passes.views, &object.targets, material)?);
+        }
+        Ok(())
+    }
+
+    /// Light that comes to the object straight from the lamps, past the cloud and the object's own parts, as the camera
+    /// sees it. What the cloud reflects on it is not among it ([`LampRenderer::relight`]).
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more lamps than fit, and Vulkan's own errors.
+    pub fn light_object(&mut self, camera: &Camera, lamps: &[Lamp]) -> Result<ObjectLight> {
+        let start = Instant::now();
+        let mut profile = Profile::default();
+        let pass = self.draw_views(lamps, &mut profile)?;
+        let LampSettings { width, height, .. } = self.settings;
+        let mut radiance = vec![[0.0; 4]; width as usize * height as usize];
+        let passes = self.passes.as_ref().and_then(|passes| passes.object.as_ref());
+        let (Some(object), Some(light)) = (&self.object, passes) else { return Ok(ObjectLight::default()) };
+        let pass = pass.seen_by(camera, width, height);
+        let (near, far) = object.bounds.depth_range(camera);
+        let size = region(&self.settings);
+        for y in (0..height).step_by(OBJECT_REGION as usize) {
+            for x in (0..width).step_by(OBJECT_REGION as usize) {
+                let region = Rect { x, y, width: size.0, height: size.1 };
+                let view = View { width, height, region, near, far, sharp_alpha: 0.0 };
+                let mut recorder = Recorder::new(&self.context)?;
+                object.gbuffer.record(&mut recorder, &object.targets.camera, camera, view);
+                light.shade(&mut recorder, pass, region)?;
+                recorder.finish(&mut profile)?;
+                for (row, part) in (y..height).zip(light.radiance(region)?.chunks(size.0 as usize)) {
+                    let (first, count) = ((row * width + x) as usize, size.0.min(width - x) as usize);
+                    radiance[first..first + count].copy_from_slice(&part[..count]);
+                }
+            }
+        }
+        Ok(ObjectLight { radiance, profile, wall_ms: start.elapsed().as_secs_f64() * 1e3 })
     }
 
     /// Chooses the points that [`LampRenderer::light`] lights: those of the cloud, or means of them, with their normals.
@@ -453,17 +577,14 @@ impl LampRenderer {
         Ok([passes.light.images.direct.download(pixels)?, passes.light.images.bounced.download(pixels)?])
     }
 
-    /// All passes of a picture.
-    fn draw(&mut self, wanted: Wanted<'_>, lamps: &[Lamp], profile: &mut Profile) -> Result<()> {
-        let LampSettings { width, height, bounces, vpls, light_size, ism_size, ism_points, interleave, .. } =
-            self.settings;
+    /// The light G-buffers, unless they are there, and where they are important (4.1, 4.2); and what all passes have in
+    /// common.
+    fn draw_views(&mut self, lamps: &[Lamp], profile: &mut Profile) -> Result<LampPass> {
+        let LampSettings { vpls, light_size, ism_size, ism_points, interleave, .. } = self.settings;
         let views: Vec<LampView> =
             lamps.iter().flat_map(|lamp| LampView::of_lamp(lamp, self.bounds, light_size)).collect();
         self.prepare(views.len())?;
-        // Of more bounces than one the buffers have the last lights only.
-        let known = self.lit.take().is_some_and(|lit| lit == lamps) && bounces <= 1;
-        let rounds = rounds(self.count, vpls, ism_points);
-        let Some(passes) = &self.passes else { return Ok(()) };
+        let Some(passes) = &self.passes else { return Ok(LampPass::default()) };
         let pass = LampPass {
             vpls,
             views: views.len() as u32,
@@ -472,37 +593,59 @@ impl LampRenderer {
             ism_size,
             interleave,
             points: self.count,
-            spread: (vpls as f32 / rounds as f32).sqrt(),
-            ..match wanted {
-                Wanted::Picture(camera) => LampPass::new(camera, width, height),
-                Wanted::Chosen => LampPass::default(),
-            }
+            spread: (vpls as f32 / rounds(self.count, vpls, ism_points) as f32).sqrt(),
+            ..LampPass::default()
         };
-        if !known {
-            passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
-            let mut recorder = Recorder::new(&self.context)?;
-            passes.views.clear(&mut recorder);
-            recorder.finish(profile)?;
+        if self.drawn.as_deref() == Some(lamps) {
+            return Ok(pass);
         }
-        // The light G-buffers, and where they are important (4.1, 4.2).
-        for (view, number) in views.iter().zip(0..).filter(|_| !known) {
+        (self.drawn, self.mapped) = (None, false);
+        passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
+        let mut recorder = Recorder::new(&self.context)?;
+        passes.views.clear(&mut recorder);
+        recorder.finish(profile)?;
+        for (view, number) in views.iter().zip(0..) {
             self.check_stop()?;
             self.lamp.draw(&view.camera, profile)?;
             let mut recorder = Recorder::new(&self.context)?;
             let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
+            let pass = LampPass { view: number, ..pass };
             passes.lamp_surface.record(&mut recorder, &self.lit_points(), seen)?;
-            passes.views.copy(&mut recorder, LampPass { view: number, ..pass })?;
+            passes.views.copy(&mut recorder, pass)?;
+            if let (Some(object), Some(lit)) = (&self.object, &passes.object) {
+                let region = Rect { x: 0, y: 0, width: light_size, height: light_size };
+                let (near, far) = object.bounds.depth_range(&view.camera);
+                let seen = View { width: light_size, height: light_size, region, near, far, sharp_alpha: 0.0 };
+                object.gbuffer.record(&mut recorder, &object.targets.lamp, &view.camera, seen);
+                lit.occlude(&mut recorder, pass)?;
+            }
             recorder.finish(profile)?;
         }
+        let mut recorder = Recorder::new(&self.context)?;
+        passes.views.pyramid(&mut recorder, pass)?;
+        recorder.finish(profile)?;
+        self.drawn = Some(lamps.to_vec());
+        Ok(pass)
+    }
+
+    /// All passes of a picture.
+    fn draw(&mut self, wanted: Wanted<'_>, lamps: &[Lamp], profile: &mut Profile) -> Result<()> {
+        let common = self.draw_views(lamps, profile)?;
+        let LampSettings { width, height, bounces, vpls, ism_points, .. } = self.settings;
+        let rounds = rounds(self.count, vpls, ism_points);
+        // Of more bounces than one the buffers have the last lights only.
+        let known = self.mapped && bounces <= 1;
+        let Some(passes) = &self.passes else { return Ok(()) };
+        let pass = match wanted {
+            Wanted::Picture(camera) => common.seen_by(camera, width, height),
+            Wanted::Chosen => common,
+        };
         // The camera G-buffer (4.1) and direct light.
         if let Wanted::Picture(camera) = wanted {
             self.camera.draw(camera, profile)?;
         }
         let (points, chosen) = (self.lit_points(), self.chosen.points());
         let mut recorder = Recorder::new(&self.context)?;
-        if !known {
-            passes.views.pyramid(&mut recorder, pass)?;
-        }
         match (wanted, &passes.cloud) {
             (Wanted::Picture(camera), _) => {
                 let seen = PointView::new(camera, width, height, self.spacing);
@@ -537,7 +680,7 @@ impl LampRenderer {
             passes.light.compose(&mut recorder, pass)?;
         }
         recorder.finish(profile)?;
-        self.lit = Some(lamps.to_vec());
+        self.mapped = true;
         Ok(())
     }
 
@@ -552,7 +695,7 @@ impl LampRenderer {
         if self.passes.as_ref().is_some_and(|passes| passes.side == side) {
             return Ok(());
         }
-        (self.passes, self.lit) = (None, None);
+        (self.passes, self.drawn) = (None, None);
         let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
         let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
         let points = self.lit_points();
@@ -568,7 +711,9 @@ impl LampRenderer {
         let cloud = (!chosen.is_empty())
             .then(|| LampCloudPass::new(context, &chosen, lights, (&views, &ism), glossy))
             .transpose()?;
-        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light, cloud });
+        let object = |object: &LitObject| LampObjectPass::new(context, &views, &object.targets, object.material);
+        let object = self.object.as_ref().map(object).transpose()?;
+        self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light, cloud, object });
         Ok(())
     }
 
@@ -583,6 +728,14 @@ impl LampRenderer {
         };
         (0..).zip(buffers.iter().zip(self.surfels.iter())).map(part).collect()
     }
+}
+
+/// Largest side of the parts of the camera's image that an object is lit in, pixels.
+const OBJECT_REGION: u32 = 1024;
+
+/// Size of the parts that an object is lit in.
+fn region(settings: &LampSettings) -> (u32, u32) {
+    (settings.width.min(OBJECT_REGION), settings.height.min(OBJECT_REGION))
 }
 
 /// Rounds of all points over all maps that give every map enough of them; more than a few are no gain.

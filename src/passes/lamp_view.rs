@@ -60,11 +60,13 @@ pub struct LampPass {
     pub offset: u32,
     /// From the spacing of a point to that of the points of one map.
     pub spread: f32,
+    /// Albedo or GGX alpha of an object ([`super::convolve::MaterialChoice::parameter`]).
+    pub material: f32,
 }
 
 impl LampPass {
-    /// The camera's part.
-    pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
+    /// The same for a camera's image.
+    pub fn seen_by(self, camera: &Camera, width: u32, height: u32) -> Self {
         let (right, up, forward) = camera.basis();
         Self {
             eye: camera.from.into(),
@@ -74,7 +76,7 @@ impl LampPass {
             down: (-up).into(),
             height,
             forward: forward.into(),
-            ..Self::default()
+            ..self
         }
     }
 
@@ -218,6 +220,11 @@ impl LampViewPass {
             .buffer("lamp_normals", &self.normals)
             .buffer("lamp_colors", &self.colors)
             .buffer("importance", &self.importance)
+    }
+
+    /// What passes change of views that are in the atlas, under the names that shaders use.
+    pub(super) fn output_bindings(&self) -> Bindings<'_> {
+        Bindings::new().buffer("lamp_places_out", &self.places).buffer("importance_out", &self.importance)
     }
 
     /// Tells the device about the views; `area` is what each virtual point light has of the cloud, square metres.

@@ -7,6 +7,7 @@ pub mod gbuffer;
 pub mod ism;
 pub mod lamp_cloud;
 pub mod lamp_light;
+pub mod lamp_object;
 pub mod lamp_view;
 mod operator;
 pub mod point_operators;

@@ -16,6 +16,7 @@ use crate::gpu::{Bindings, Buffer, Context, Recorder};
 pub struct SurfelViewPass {
     context: Arc<Context>,
     images: SurfelImages,
+    edges: Operator,
     nearest: Operator,
     resolve: Operator,
     /// By buffer of points.
@@ -28,6 +29,7 @@ struct SurfelImages {
     /// Unit normals, world space, a pixel.
     normals: Buffer,
     keys: Buffer,
+    sides: Buffer,
 }
 
 impl SurfelImages {
@@ -38,7 +40,8 @@ impl SurfelImages {
         Ok(Self {
             surface: Buffer::with_texels(context, "surface", pixels * 16, four)?,
             normals: Buffer::with_texels(context, "surface normals", pixels * 16, four)?,
-            keys: Buffer::with_texels(context, "surfel keys", pixels * 8, vk::Format::R32G32_UINT)?,
+            keys: Buffer::with_texels(context, "surfel keys", pixels * 16, vk::Format::R32G32_UINT)?,
+            sides: Buffer::with_texels(context, "surfel sides", pixels * 4, vk::Format::R32_UINT)?,
         })
     }
 
@@ -48,6 +51,9 @@ impl SurfelImages {
             .buffer("shaded_normals_in", &drawn.shaded_normals)
             .buffer("SurfelKeys", &self.keys)
             .buffer("surfel_taken", &self.keys)
+            .buffer("SurfelSides", &self.sides)
+            .buffer("surfel_sides_in", &self.sides)
+            .buffer("surfel_sides_out", &self.sides)
             .buffer("surface_out", &self.surface)
             .buffer("surface_normals_out", &self.normals)
             .and(points.bindings())
@@ -62,9 +68,10 @@ impl SurfelViewPass {
     pub fn new(context: &Arc<Context>, drawn: &PointImages, points: &[LitPoints<'_>]) -> Result<Self> {
         let images = SurfelImages::new(context, drawn)?;
         let first = images.bindings(drawn, &points[0]);
+        let edges = Operator::new(context, "surfel_view/edges.comp", &[], &first)?;
         let nearest = Operator::new(context, "surfel_view/nearest.comp", &[], &first)?;
         let resolve = Operator::new(context, "surfel_view/resolve.comp", &[], &first)?;
-        let mut pass = Self { context: context.clone(), images, nearest, resolve, sets: Vec::new() };
+        let mut pass = Self { context: context.clone(), images, edges, nearest, resolve, sets: Vec::new() };
         pass.bind_sets(drawn, points)?;
         Ok(pass)
     }
@@ -77,6 +84,7 @@ impl SurfelViewPass {
         self.images = SurfelImages::new(&self.context, drawn)?;
         let first = self.images.bindings(drawn, &points[0]);
         // What these were bound to is gone.
+        self.edges.bind(&first)?;
         self.nearest.bind(&first)?;
         self.resolve.bind(&first)?;
         self.bind_sets(drawn, points)
@@ -107,6 +115,7 @@ impl SurfelViewPass {
     /// When there are more points or pixels than a dispatch has.
     pub fn record(&self, recorder: &mut Recorder, points: &[LitPoints<'_>], view: PointView) -> Result<()> {
         super::fill(recorder, "clear surfels", &[(&self.images.keys, u32::MAX)]);
+        self.edges.record(recorder, "silhouettes", &view, view.pixels())?;
         for (buffer, [set, _]) in points.iter().zip(&self.sets) {
             let dispatches: Vec<_> = buffer
                 .runs()

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
 
-use super::lamp_renderers::{LampRenderers, Light};
+use super::lamp_renderers::{LampRenderers, Light, Lit};
 use super::loader::{Assets, Part};
 use super::messages::Stage;
 use super::probe_renderers::{ProbeRenderers, Subject};
@@ -146,6 +146,12 @@ impl Renderers {
                 let profile = self.relight(assets, state, hierarchy, shot)?;
                 let mut frame = self.gather(state, &scene, object, place, shot)?;
                 frame.stats.profile.add(&profile);
+                if let Some(light) = Light::of(state, shot) {
+                    let lit = lit(&self.placed, (assets, state), &light, shot);
+                    let direct = self.lamps.object(&self.context, &lit)?;
+                    direct.add_to(&mut frame);
+                    frame.stats.profile.add(&direct.profile);
+                }
                 Ok(frame)
             }
             (Method::Cloud(_) | Method::Lamps, None) => Err(Error::Argument("a view needs a cloud".into())),
@@ -182,23 +188,24 @@ impl Renderers {
         hierarchy: &Hierarchy,
         shot: &Shot<'_>,
     ) -> Result<Profile> {
-        let Some(lit) = &mut self.scene else { return Ok(Profile::default()) };
-        let wanted = state.lit_by(shot.method).map(|choice| Light::new(choice, shot));
+        let Some(scene) = &mut self.scene else { return Ok(Profile::default()) };
+        let wanted = Light::of(state, shot);
         let mut profile = Profile::default();
-        match (&lit.lamps, &wanted) {
+        match (&scene.lamps, &wanted) {
             (None, None) => {}
             (Some(known), Some(wanted)) if known.does_for(wanted) => return Ok(profile),
             (_, Some(light)) => {
-                let (radiance, light) = self.lamps.relight(&self.context, assets, light, shot)?;
-                lit.scene.relight(hierarchy, Some(&radiance))?;
+                let lit = lit(&self.placed, (assets, state), light, shot);
+                let (radiance, light) = self.lamps.relight(&self.context, &lit)?;
+                scene.scene.relight(hierarchy, Some(&radiance))?;
                 profile = light.profile;
             }
             (Some(_), None) => {
-                lit.scene.relight(hierarchy, None)?;
+                scene.scene.relight(hierarchy, None)?;
                 self.lamps.clear();
             }
         }
-        lit.lamps = wanted;
+        scene.lamps = wanted;
         Ok(profile)
     }
 
@@ -211,13 +218,16 @@ impl Renderers {
         shot: &Shot<'_>,
     ) -> Result<Option<(&LampFrame, f32)>> {
         let shown = shot.method != Method::Lamps && state.points.is_some_and(PointDisplay::shows_light);
-        let Some(choice) = state.lit_by(shot.method).filter(|_| shown) else { return Ok(None) };
-        self.lamps.picture(&self.context, assets, &Light::new(choice, shot), shot).map(Some)
+        let Some(light) = Light::of(state, shot).filter(|_| shown) else { return Ok(None) };
+        self.lamps.picture(&self.context, &lit(&self.placed, (assets, state), &light, shot)).map(Some)
     }
 
     /// The scan by itself in the light of the lamps.
     pub(super) fn scan_alone(&mut self, assets: &Assets, state: &ViewState, shot: &Shot<'_>) -> Result<PointFrame> {
-        self.lamps.scan_alone(&self.context, assets, &Light::new(&state.lamps, shot), shot)
+        let Some(light) = Light::of(state, shot) else {
+            return Err(Error::Argument("technique lamps needs a scan and lamps".into()));
+        };
+        self.lamps.scan_alone(&self.context, &Lit { assets, light: &light, object: None, shot })
     }
 
     /// A picture by a technique that gathers the scan's light.
@@ -253,6 +263,19 @@ impl Renderers {
         slot.renderer.stop_when(shot.stop.clone());
         slot.renderer.render(camera, &mut |_, _| {})
     }
+}
+
+/// The view's object in its place, and the scan around it, in the light of lamps.
+fn lit<'a>(
+    placed: &'a [Option<Placed>; 2],
+    (assets, state): (&'a Assets, &ViewState),
+    light: &'a Light,
+    shot: &'a Shot<'a>,
+) -> Lit<'a> {
+    let own = shot.stage != Stage::Moving;
+    let vertices = placed[usize::from(own)].as_ref().map(|(_, _, vertices)| &vertices[..]);
+    let object = assets.object_for(own).zip(vertices);
+    Lit { assets, light, object: object.map(|(object, vertices)| (&**object, vertices, state.material)), shot }
 }
 
 /// The same for pictures of any size.

@@ -15,12 +15,12 @@ use crate::cli::output::say;
 use crate::cli::progress;
 use crate::formats::image::{self, ExrGroup, ExrLayers};
 use crate::frames::Method;
-use crate::frames::lamps::{LampFrame, LampRenderer, LampSettings, LampSurface};
+use crate::frames::lamps::{LampFrame, LampRenderer, LampSettings, LampSurface, ObjectLight};
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Context, Profile};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::preprocess::point_chunks::PointChunks;
-use crate::scene::{Camera, Lamp};
+use crate::scene::{Camera, Lamp, Object};
 use crate::{Error, Result};
 
 /// Settings by the flags.
@@ -40,19 +40,21 @@ fn warn_if_dark(lit: bool) {
     }
 }
 
-/// Adds the lamps' light to what the scan sends the object, and renders it for the backdrop if that is the scan.
+/// Adds the lamps' light to what the scan sends the object, and renders it for the backdrop if that is the scan. Returns what
+/// comes to the object straight from the lamps.
 pub(super) fn light_scan(
     args: &Args,
     context: &Arc<Context>,
     scan: &mut Scan,
-    camera: &Camera,
+    (object, camera): (&Object, &Camera),
     profile: &mut Profile,
-) -> Result<()> {
+) -> Result<ObjectLight> {
     let share = args.lamps.scan_light.unwrap_or(1.0) as f32;
     let lamps = lamps(args, scan);
-    let Scan { hierarchy: Some(hierarchy), chunks: Some(chunks), .. } = scan else { return Ok(()) };
+    let Scan { hierarchy: Some(hierarchy), chunks: Some(chunks), .. } = scan else { return Ok(ObjectLight::default()) };
     let bar = progress::spinner("lighting the scan");
     let mut renderer = LampRenderer::new(context, chunks, settings(args))?;
+    renderer.set_object(Some((object, args.material)))?;
     renderer.choose_leaves(hierarchy)?;
     let (radiance, light) = renderer.relight(hierarchy, &lamps, share)?;
     let old = std::mem::take(hierarchy);
@@ -64,13 +66,15 @@ pub(super) fn light_scan(
     };
     profile.add(&light.profile);
     warn_if_dark(light.radiance.iter().any(|radiance| *radiance != Vec3::ZERO));
+    let direct = renderer.light_object(camera, &lamps)?;
+    profile.add(&direct.profile);
     if args.backdrop.shows_points() {
         let frame = renderer.render(camera, &lamps)?;
         profile.add(&frame.profile);
         scan.lit = Some((frame, share));
     }
     bar.finish_and_clear();
-    Ok(())
+    Ok(direct)
 }
 
 /// A view of the whole scan where no camera is given.

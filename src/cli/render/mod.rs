@@ -266,8 +266,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let camera = load::camera(args, placed.bounds(), scan.origin)?;
     bar.finish_and_clear();
     let mut profile = Profile::default();
+    let mut lit = None;
     if !args.lamps.lamps.is_empty() {
-        clock.time("lamps", || lamps::light_scan(args, &context, &mut scan, &camera, &mut profile))?;
+        let view = (&placed, &camera);
+        lit = Some(clock.time("lamps", || lamps::light_scan(args, &context, &mut scan, view, &mut profile))?);
     }
 
     let single = source.frames.start() == source.frames.end();
@@ -280,7 +282,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         false => progress::bar("frames", source.frames.end() - source.frames.start() + 1),
     };
     let object = Placed { own: &object, object: &placed, world_from_object };
-    let set = Set { args, context, method, settings, scan, object, camera, names, single };
+    let set = Set { args, context, method, settings, scan, object, lit, camera, names, single };
     let mut studio = Studio::new(set, capture);
     studio.totals.profile = profile;
     while let Some(next) = source.next()? {

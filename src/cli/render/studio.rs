@@ -12,6 +12,7 @@ use super::source::Next;
 use super::stats::{Clock, Totals};
 use super::{Args, write_frame};
 use crate::cli::backdrop::{Around, ScanPicture};
+use crate::frames::lamps::ObjectLight;
 use crate::frames::{Frame, Method, Settings};
 use crate::gpu::{Capture, Context};
 use crate::scene::{Camera, FarField};
@@ -25,6 +26,8 @@ pub(super) struct Set<'a> {
     pub(super) settings: Settings,
     pub(super) scan: Scan,
     pub(super) object: Placed<'a>,
+    /// What comes to it straight from lamps.
+    pub(super) lit: Option<ObjectLight>,
     pub(super) camera: Camera,
     pub(super) names: FrameNames,
     /// There is one frame only.
@@ -76,7 +79,7 @@ impl<'a> Studio<'a> {
     /// Renders and writes a frame that the set is lit for; `bar` counts pixels where there is no other frame.
     pub(super) fn shoot(&mut self, next: &Next, clock: &mut Clock, bar: &ProgressBar) -> Result<()> {
         let Some(mut lighting) = self.lighting.take() else { return Ok(()) };
-        let Set { args, context, scan, object, camera, settings, names, single, .. } = &self.set;
+        let Set { args, context, scan, object, lit, camera, settings, names, single, .. } = &self.set;
         let mut light = || {
             lighting.render(camera, &mut |done, total| {
                 if *single {
@@ -85,7 +88,7 @@ impl<'a> Studio<'a> {
                 }
             })
         };
-        let frame = match self.capture.take() {
+        let mut frame = match self.capture.take() {
             None => light()?,
             Some(mut capture) => {
                 let (frame, file) = capture.frame(light)?;
@@ -98,6 +101,9 @@ impl<'a> Studio<'a> {
             drop(lighting);
         } else {
             self.lighting = Some(lighting);
+        }
+        if let Some(lit) = lit {
+            lit.add_to(&mut frame);
         }
         let far_field = next.far_field.as_deref();
         let points = scan.chunks.clone().filter(|_| args.backdrop.shows_points());
