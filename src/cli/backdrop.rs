@@ -66,7 +66,7 @@ impl BackdropArgs {
 
     /// Whether lamps' light is added to what is seen of the scan: not where that is no colour.
     pub(super) fn shows_light(&self) -> bool {
-        matches!(self.points, PointDisplay::Raw | PointDisplay::Filled | PointDisplay::EyeDome)
+        self.points.shows_light()
     }
 
     /// Whether the scan's points are needed.

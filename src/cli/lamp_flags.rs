@@ -3,6 +3,7 @@
 use super::values;
 use crate::frames::lamps::{AlbedoFrom, Brush, LampSettings, Surfaces};
 use crate::scene::Lamp;
+use crate::viewer::state::LampChoice;
 
 /// Lamps and how their light is found; what is not given is the default, or what the scene says.
 #[derive(Clone, Debug, clap::Args)]
@@ -47,6 +48,29 @@ impl LampArgs {
             || surfaces.is_some()
             || !brushes.is_empty()
             || albedo_from.is_some()
+    }
+
+    /// Takes the place of what a scene says: all of its lamps, or single settings.
+    pub(super) fn replace(&self, choice: &mut LampChoice, bounces: Option<u32>) {
+        let Self { lamps, vpls, interleave, ism_size, ism_fill, surfaces, brushes, albedo_from, scan_light } = self;
+        choice.surfaces = surfaces.unwrap_or(choice.surfaces);
+        choice.albedo = albedo_from.unwrap_or(choice.albedo);
+        if !brushes.is_empty() {
+            choice.brushes.clone_from(brushes);
+        }
+        if !lamps.is_empty() {
+            choice.lamps.clone_from(lamps);
+        }
+        for (own, flag) in [
+            (&mut choice.bounces, bounces),
+            (&mut choice.vpls, *vpls),
+            (&mut choice.interleave, *interleave),
+            (&mut choice.ism_size, *ism_size),
+            (&mut choice.ism_fill, *ism_fill),
+        ] {
+            *own = flag.unwrap_or(*own);
+        }
+        choice.scan_light = scan_light.or(choice.scan_light);
     }
 
     /// For pictures of `width` x `height` pixels under a budget in bytes, after so many bounces.

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::Result;
+use crate::frames::Method;
 use crate::viewer::ViewState;
-use crate::viewer::state::Named;
+use crate::viewer::state::{LampChoice, Named};
 
 /// The arguments of `render`, those of a `--scene` among them; all others are returned as they are.
 ///
@@ -19,23 +20,55 @@ pub(super) fn expanded(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     }
     let Some(path) = value_of(&arguments, "--scene") else { return Ok(arguments) };
     let mut state = ViewState::read(Path::new(&path))?;
-    let given = |arguments: &[OsString], flag| arguments.iter().skip(2).any(|argument| names(argument, flag));
+    // Flags that may be given several times are added one by one: what counts is what was typed.
+    let typed = arguments.clone();
+    let given = |flag| typed.iter().skip(2).any(|argument| names(argument, flag));
+    if let Some(technique) = value_of(&typed, "--technique") {
+        state.technique = technique.to_string_lossy().parse().ok();
+    }
+    let lit = (given("--lamp") || !state.lamps.lamps.is_empty()) && (given("--cloud") || state.cloud.is_some());
+    match state.technique {
+        Some(Method::Lamps) if lit => (state.object, state.environment, state.probes) = (None, None, None),
+        Some(Method::Lamps) => state.technique = None,
+        _ => {}
+    }
     let far = state.environment.is_some() || state.probes.is_some();
     // One kind of far field takes the place of the other.
-    let (environment, probes) = (given(&arguments, "--environment"), given(&arguments, "--probes"));
+    let (environment, probes) = (given("--environment"), given("--probes"));
     if environment {
         state.probes = None;
     }
     if probes {
         state.environment = None;
     }
-    for (flag, value) in flags(&state, far || environment || probes) {
-        if !given(&arguments, flag) {
-            arguments.push(flag.into());
-            arguments.push(value);
-        }
+    let mut all = flags(&state, far || environment || probes);
+    if lit && state.technique != Some(Method::Probes) {
+        all.extend(lamp_flags(&state.lamps));
+    }
+    for (flag, value) in all.into_iter().filter(|(flag, _)| !given(flag)) {
+        arguments.push(flag.into());
+        arguments.push(value);
     }
     Ok(arguments)
+}
+
+/// Lamps, and how their light is found.
+fn lamp_flags(choice: &LampChoice) -> Vec<(&'static str, OsString)> {
+    let LampChoice { lamps, bounces, vpls, interleave, ism_size, ism_fill, surfaces, brushes, albedo, scan_light } =
+        choice;
+    let mut flags: Vec<(&str, String)> = lamps.iter().map(|lamp| ("--lamp", lamp.to_string())).collect();
+    flags.extend([
+        ("--bounces", bounces.to_string()),
+        ("--vpls", vpls.to_string()),
+        ("--interleave", interleave.to_string()),
+        ("--ism-size", ism_size.to_string()),
+        ("--ism-fill", ism_fill.to_string()),
+        ("--surfaces", surfaces.to_string()),
+        ("--albedo-from", albedo.to_string()),
+    ]);
+    flags.extend(brushes.iter().map(|brush| ("--brush", brush.to_string())));
+    flags.extend(scan_light.map(|share| ("--scan-light", share.to_string())));
+    flags.into_iter().map(|(flag, value)| (flag, value.into())).collect()
 }
 
 /// Whether an argument is a flag, with or without a value behind `=`.
@@ -60,6 +93,7 @@ fn flags(state: &ViewState, far: bool) -> Vec<(&'static str, OsString)> {
     let viewpoint = state.viewpoint;
     let probes = state.probes.as_ref();
     let backdrop = match state.points {
+        _ if state.technique == Some(Method::Lamps) => None,
         Some(_) if state.cloud.is_some() => Some("points"),
         _ if far => Some("environment"),
         _ => None,
@@ -124,6 +158,25 @@ mod tests {
             };
             assert_eq!((after("--turn").as_deref(), after("--backdrop").as_deref()), (turn, backdrop), "{extra}");
             assert_eq!(after("--probes").is_some(), turn.is_some(), "{extra}");
+        }
+        let lamps = "[lamps]\nlist = [\"point at=1,2,0.1 power=3\", \"sun direction=0,-1,0 power=2\"]\nvpls = 32\n";
+        std::fs::write(&path, format!("cloud = \"c.ply\"\nobject = \"o.obj\"\n{lamps}")).expect("a file");
+        let lamp = ["point at=1,2,0.1 power=3 color=1,1,1", "sun direction=0,-1,0 power=2 color=1,1,1"];
+        for (extra, lamps, vpls) in [
+            ("--out=x.png", &lamp[..], Some("32")),
+            ("--vpls=64", &lamp[..], None),
+            ("--lamp=point at=0,0,0 power=9", &[][..], Some("32")),
+            ("--technique=probes", &[][..], None),
+            ("--technique=lamps", &lamp[..], Some("32")),
+        ] {
+            let all = expanded(["relume", "render", &scene, extra].map(OsString::from).to_vec()).expect("arguments");
+            let text: Vec<String> = all.iter().map(|a| a.to_string_lossy().into_owned()).collect();
+            let after = |flag| text.windows(2).filter(move |pair| pair[0] == flag).map(|pair| pair[1].as_str());
+            assert_eq!(after("--lamp").collect::<Vec<_>>(), lamps, "{extra}");
+            assert_eq!(after("--vpls").next(), vpls, "{extra}");
+            let alone = extra == "--technique=lamps";
+            let (object, backdrop) = (after("--object").next(), after("--backdrop").next());
+            assert_eq!((object.is_none(), backdrop.is_none()), (alone, alone), "{extra}");
         }
         let other = ["relume", "build", &scene].map(OsString::from).to_vec();
         assert_eq!(expanded(other.clone()).expect("arguments"), other);

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::lamp_flags::LampArgs;
 use super::probe_flags::ProbeArgs;
 use super::render::{self, UpAxis};
 use super::values;
@@ -40,8 +41,13 @@ pub(super) struct Args {
     /// Frames for which there was no time: drop, or wait, which shows them all the same
     #[arg(long, value_name = "HOW", default_value = "drop", requires = "probes")]
     late: Late,
-    /// classic, mipmapped, hybrid or shared, or probes, which lights by the probes alone [default: by the panel's
-    /// quality; probes without a cloud]
+    #[command(flatten)]
+    lamps: LampArgs,
+    /// Bounces of the lamps' light in the scan, at most 8 [default: 2]
+    #[arg(long, value_name = "N", value_parser = values::bounces)]
+    bounces: Option<u32>,
+    /// classic, mipmapped, hybrid or shared; probes, which lights by the probes alone; or lamps, which shows the scan in
+    /// their light without the object [default: by the panel's quality; probes without a cloud]
     #[arg(long)]
     technique: Option<Method>,
     /// Size of the window [default: 1280x720, or the scene's]
@@ -86,6 +92,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
             return Err(Error::Argument("--turn and --cross-fade need --probes PATTERN".into()));
         }
         None => {}
+    }
+    args.lamps.replace(&mut state.lamps, args.bounces);
+    state.lamps.settings().check()?;
+    if state.lamps.lamps.is_empty() && (args.lamps.any_setting() || args.bounces.is_some()) {
+        let flags = "--vpls, --interleave, --ism-size, --ism-fill, --scan-light and --bounces";
+        return Err(Error::Argument(format!("{flags} need --lamp LAMP")));
     }
     // Before a window opens, what cannot be opened is found.
     state.probes.as_ref().map(ProbeChoice::open).transpose()?;

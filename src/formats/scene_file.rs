@@ -33,6 +33,9 @@ pub struct SceneFile {
     /// Light probes beyond the scan, in the place of the far field.
     #[serde(default, skip_serializing_if = "is_default")]
     pub probes: ProbeTable,
+    /// Lamps that are not in the scan.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub lamps: LampTable,
     /// Where the object stands.
     #[serde(default, skip_serializing_if = "is_default")]
     pub placement: PlacementTable,
@@ -72,6 +75,42 @@ pub struct ProbeTable {
     /// Whether the viewer plays them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub playing: Option<bool>,
+}
+
+/// `[lamps]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LampTable {
+    /// As `--lamp` takes them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub list: Vec<String>,
+    /// Times that their light is reflected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bounces: Option<u32>,
+    /// Virtual point lights a bounce.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vpls: Option<u32>,
+    /// Side of the blocks of pixels that share all of these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interleave: Option<u32>,
+    /// Texels along a side of a light's shadow map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ism_size: Option<u32>,
+    /// Steps of pull and push that fill its holes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ism_fill: Option<u32>,
+    /// What the scan is made of, as `--surfaces` takes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<String>,
+    /// What colours are made of, as `--brush` takes it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub brushes: Vec<String>,
+    /// `colour` or `constant:V`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub albedo_from: Option<String>,
+    /// Share of the scan's own light that stays.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scan_light: Option<f64>,
 }
 
 /// `[placement]`
@@ -114,7 +153,7 @@ pub struct RenderTable {
     /// `draft`, `normal` or `high`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<String>,
-    /// `classic`, `mipmapped`, `hybrid`, `shared` or `probes`.
+    /// `classic`, `mipmapped`, `hybrid`, `shared`, `probes` or `lamps`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub technique: Option<String>,
     /// Micro-pixels along a side.
@@ -165,7 +204,7 @@ pub fn read(path: &Path) -> Result<SceneFile> {
     let mut scene: SceneFile = toml::from_str(&text).map_err(|e| Error::file(path, explain(&text, &e)))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     scene.paths().for_each(|file| *file = folder.join(&file));
-    let SceneFile { placement, camera, display, probes, .. } = &scene;
+    let SceneFile { placement, camera, display, probes, lamps, .. } = &scene;
     let vectors = [
         ("placement.at", placement.at),
         ("placement.up", placement.up),
@@ -179,6 +218,7 @@ pub fn read(path: &Path) -> Result<SceneFile> {
         ("display.exposure", display.exposure),
         ("probes.turn", probes.turn),
         ("probes.rate", probes.rate),
+        ("lamps.scan_light", lamps.scan_light),
     ];
     let vectors = vectors.into_iter().flat_map(|(key, v)| v.into_iter().flatten().map(move |n| (key, n)));
     let numbers = numbers.into_iter().filter_map(|(key, n)| n.map(|n| (key, n)));
@@ -255,6 +295,11 @@ mod tests {
             cloud: Some(folder.path().join("room.ply")),
             probes: ProbeTable { path: Some(folder.path().join("p.##.exr")), turn: Some(-0.1), ..Default::default() },
             size: Some([640, 360]),
+            lamps: LampTable {
+                list: vec!["point at=0.1,-2,1e6 power=3".into(), "sun direction=0,-1,0 power=1".into()],
+                scan_light: Some(0.1),
+                ..Default::default()
+            },
             placement: PlacementTable { at: Some([0.1, -2.0, 1e6 + 0.125]), turn: Some(25.0), ..Default::default() },
             render: RenderTable { material: Some("metal:0.25".into()), ..Default::default() },
             ..SceneFile::default()
@@ -272,6 +317,8 @@ mod tests {
         let kind = message("[camera]\nfov = \"wide\"\n");
         assert!(kind.contains("line 2, key fov"), "{kind}");
         assert!(message("[camera]\nfov = nan\n").contains("camera.fov is NaN"));
+        assert!(message("[lamps]\nscan_light = inf\n").contains("lamps.scan_light is inf"));
+        assert!(message("[lamps]\nvpls = -16\n").contains("line 2, key vpls"));
         assert!(message("cloud = ").contains("line 1"));
     }
 }

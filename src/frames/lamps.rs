@@ -2,6 +2,7 @@
 //! with imperfect shadow maps (Preiner 2010).
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use ash::vk;
@@ -29,7 +30,7 @@ use crate::{Error, Result};
 pub use crate::scene::surfaces::{AlbedoFrom, Brush, Surfaces};
 
 /// Everything that the picture of a lit cloud depends on besides cloud, camera and lamps.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LampSettings {
     /// Width, pixels.
     pub width: u32,
@@ -106,8 +107,28 @@ impl LampSettings {
         self.surfaces.specular > 0.0 || self.brushes.iter().any(|brush| brush.surfaces.specular > 0.0)
     }
 
-    /// [`Error::Argument`] about the first setting that makes no sense.
-    fn check(&self) -> Result<()> {
+    /// [`Error::Limit`] where objects of that size do not fit the budget.
+    fn check_budget(&self) -> Result<()> {
+        let needed = self.bytes();
+        if needed > self.memory_budget {
+            return Err(Error::Limit(format!(
+                "{}x{} pixels and {} shadow maps of {4}x{4} texels need {3} MiB, the memory budget is {5} MiB",
+                self.width,
+                self.height,
+                self.vpls,
+                needed.div_ceil(1 << 20),
+                self.ism_size,
+                self.memory_budget >> 20
+            )));
+        }
+        Ok(())
+    }
+
+    /// Whether they make sense.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] about the first setting that does not.
+    pub fn check(&self) -> Result<()> {
         let Self { bounces, vpls, interleave, ism_size, light_size, .. } = *self;
         let problem = if !Self::BOUNCES.contains(&bounces) {
             format!("{bounces} bounces of light; at most {}", Self::BOUNCES.end())
@@ -240,7 +261,7 @@ pub struct LampRenderer {
     camera: PointRenderer,
     /// One view of a lamp after the other.
     lamp: PointRenderer,
-    surfels: Vec<Buffer>,
+    surfels: Arc<Vec<Buffer>>,
     count: u32,
     /// Bounding sphere of the cloud.
     bounds: (Vec3, f32),
@@ -249,11 +270,14 @@ pub struct LampRenderer {
     /// Typical distance between its points, metres.
     spacing: f32,
     lights: VplBuffers,
-    chosen: Chosen,
+    chosen: Arc<Chosen>,
     object: Option<LitObject>,
     passes: Option<Passes>,
     /// Lamps whose views are in the atlas.
     drawn: Option<Vec<Lamp>>,
+    /// The first lights of these, and their maps, are in the buffers.
+    mapped: bool,
+    stop: Option<Arc<AtomicBool>>,
 }
 
 /// What depends on the number of views.
@@ -279,26 +303,19 @@ impl LampRenderer {
     /// fits the budget or the device.
     pub fn new(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSettings) -> Result<Self> {
         settings.check()?;
+        settings.check_budget()?;
         let LampSettings { width, height, memory_budget, light_size, vpls, .. } = settings;
         if chunks.surfels.len() != chunks.points.len() {
             return Err(Error::Argument("lamps need a cloud with normals, and this one has none".into()));
         }
-        let needed = settings.bytes();
-        if needed > memory_budget {
-            return Err(Error::Limit(format!(
-                "{width}x{height} pixels and {vpls} shadow maps of {0}x{0} texels need {1} MiB, the memory budget is {2} MiB",
-                settings.ism_size,
-                needed.div_ceil(1 << 20),
-                memory_budget >> 20
-            )));
-        }
-        let points = PointSettings { width, height, memory_budget: memory_budget - needed, ..PointSettings::default() };
+        let memory_budget = memory_budget - settings.bytes();
+        let points = PointSettings { width, height, memory_budget, ..PointSettings::default() };
         let camera = PointRenderer::new(context, chunks, points)?;
         if camera.resident_buffers().is_none() {
             return Err(Error::Limit(format!(
                 "{} points do not fit a memory budget of {} MiB, and lamps need all of them at once",
                 chunks.points.len(),
-                memory_budget >> 20
+                settings.memory_budget >> 20
             )));
         }
         let lamp = camera.beside(light_size, light_size)?;
@@ -317,17 +334,90 @@ impl LampRenderer {
             settings,
             camera,
             lamp,
-            surfels,
+            surfels: Arc::new(surfels),
             count: chunks.points.len() as u32,
             bounds,
             area,
             spacing: chunks.spacing,
             lights,
-            chosen: Chosen::default(),
+            chosen: Arc::default(),
             object: None,
             passes: None,
             drawn: None,
+            mapped: false,
+            stop: None,
         })
+    }
+
+    /// Lights the same points, the chosen ones too, with other settings and no object, from the
+    /// same memory.
+    ///
+    /// # Errors
+    /// As [`LampRenderer::new`].
+    pub fn beside(&self, settings: LampSettings) -> Result<Self> {
+        settings.check()?;
+        settings.check_budget()?;
+        let camera = self.camera.beside(settings.width, settings.height)?;
+        let lamp = camera.beside(settings.light_size, settings.light_size)?;
+        Ok(Self {
+            context: self.context.clone(),
+            lights: VplBuffers::new(&self.context, settings.vpls)?,
+            settings,
+            camera,
+            lamp,
+            surfels: self.surfels.clone(),
+            chosen: self.chosen.clone(),
+            object: None,
+            passes: None,
+            drawn: None,
+            mapped: false,
+            stop: None,
+            ..*self
+        })
+    }
+
+    /// Settings of its pictures.
+    pub fn settings(&self) -> &LampSettings {
+        &self.settings
+    }
+
+    /// Pictures and light end with [`Error::Stopped`] soon after `stop` becomes true; never by themselves for `None`.
+    pub fn stop_when(&mut self, stop: Option<Arc<AtomicBool>>) {
+        self.stop = stop;
+    }
+
+    fn check_stop(&self) -> Result<()> {
+        match &self.stop {
+            Some(stop) if stop.load(Ordering::Relaxed) => Err(Error::Stopped),
+            _ => Ok(()),
+        }
+    }
+
+    /// Renders pictures of another size from now on.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size without pixels, [`Error::Limit`] where it does not fit the budget or the device.
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<()> {
+        if (width, height) == (self.settings.width, self.settings.height) {
+            return Ok(());
+        }
+        let settings = LampSettings { width, height, ..self.settings.clone() };
+        settings.check_budget()?;
+        self.camera.resize(width, height)?;
+        self.settings = settings;
+        // A picture of the old size is of no use where the new one does not fit.
+        let Some(mut passes) = self.passes.take() else { return Ok(()) };
+        let points = self.lit_points();
+        passes.camera_surface.bind(self.camera.images(), &points)?;
+        passes.light.bind((&passes.camera_surface, width, height), &self.lights, (&passes.views, &passes.ism))?;
+        if let Some(object) = self.object.as_mut().filter(|object| !object.targets.hold(region(&self.settings))) {
+            let size = region(&self.settings);
+            object.targets = LampObjectTargets::new(&self.context, self.settings.light_size, size)?;
+            let pass = LampObjectPass::new(&self.context, &passes.views, &object.targets, object.material)?;
+            passes.object = Some(pass);
+        }
+        self.passes = Some(passes);
+        Ok(())
     }
 
     /// Puts an object, in world space, into the light, or takes it away: it casts shadows, and
@@ -338,11 +428,9 @@ impl LampRenderer {
     pub fn set_object(&mut self, object: Option<(&Object, MaterialChoice)>) -> Result<()> {
         (self.passes, self.object) = (None, None);
         let Some((object, material)) = object else { return Ok(()) };
-        let LampSettings { width, height, light_size, .. } = self.settings;
-        let size = (width.min(OBJECT_REGION), height.min(OBJECT_REGION));
         self.object = Some(LitObject {
             gbuffer: GBufferPass::new(&self.context, object)?,
-            targets: LampObjectTargets::new(&self.context, light_size, size)?,
+            targets: LampObjectTargets::new(&self.context, self.settings.light_size, region(&self.settings))?,
             bounds: Bounds::of(&object.vertices),
             material,
         });
@@ -363,6 +451,20 @@ impl LampRenderer {
         Ok(())
     }
 
+    /// Makes the object of something else.
+    ///
+    /// # Errors
+    /// When a pipeline for it cannot be made.
+    pub fn set_material(&mut self, material: MaterialChoice) -> Result<()> {
+        let Some(object) = self.object.as_mut().filter(|object| object.material != material) else { return Ok(()) };
+        object.material = material;
+        let Some(passes) = &mut self.passes else { return Ok(()) };
+        if !passes.object.as_mut().is_some_and(|pass| pass.set_material(material)) {
+            passes.object = Some(LampObjectPass::new(&self.context, &passes.views, &object.targets, material)?);
+        }
+        Ok(())
+    }
+
     /// Light that comes to the object straight from the lamps, past the cloud and the object's own parts, as the camera
     /// sees it. What the cloud reflects on it is not among it ([`LampRenderer::relight`]).
     ///
@@ -378,9 +480,9 @@ impl LampRenderer {
         let (Some(object), Some(light)) = (&self.object, passes) else { return Ok(ObjectLight::default()) };
         let pass = pass.seen_by(camera, width, height);
         let (near, far) = object.bounds.depth_range(camera);
+        let size = region(&self.settings);
         for y in (0..height).step_by(OBJECT_REGION as usize) {
             for x in (0..width).step_by(OBJECT_REGION as usize) {
-                let size = (width.min(OBJECT_REGION), height.min(OBJECT_REGION));
                 let region = Rect { x, y, width: size.0, height: size.1 };
                 let view = View { width, height, region, near, far, sharp_alpha: 0.0 };
                 let mut recorder = Recorder::new(&self.context)?;
@@ -405,13 +507,13 @@ impl LampRenderer {
             return Err(Error::Argument(format!("{} points to light with {} normals", points.len(), surfels.len())));
         }
         self.passes = None;
-        self.chosen = Chosen::default();
+        let mut chosen = Chosen { count: points.len() as u32, ..Chosen::default() };
         for (points, surfels) in points.chunks(BUFFER_POINTS).zip(surfels.chunks(BUFFER_POINTS)) {
             let texels = Buffer::texels_from_slice(&self.context, "lit points", points, vk::Format::R32G32B32A32_UINT)?;
             let normals = Buffer::texels_from_slice(&self.context, "lit surfels", surfels, vk::Format::R32G32_UINT)?;
-            self.chosen.buffers.push((texels, normals));
+            chosen.buffers.push((texels, normals));
         }
-        self.chosen.count = points.len() as u32;
+        self.chosen = Arc::new(chosen);
         Ok(())
     }
 
@@ -459,7 +561,7 @@ impl LampRenderer {
         let LampSettings { width, height, .. } = self.settings;
         let pixels = width as usize * height as usize;
         let color_depth = match &self.passes {
-            Some(passes) => passes.light.lit.download(pixels)?,
+            Some(passes) => passes.light.images.lit.download(pixels)?,
             None => Vec::new(),
         };
         let wall_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -474,7 +576,7 @@ impl LampRenderer {
         let pixels = self.settings.width as usize * self.settings.height as usize;
         let Some(passes) = &self.passes else { return Ok(LampSurface::default()) };
         let color_depth = self.camera.images().shaded.download(pixels)?;
-        Ok(LampSurface { color_depth, normal: passes.camera_surface.normals.download(pixels)? })
+        Ok(LampSurface { color_depth, normal: passes.camera_surface.normals().download(pixels)? })
     }
 
     /// Irradiance of the last picture, straight from the lamps and after all bounces, a pixel.
@@ -484,7 +586,7 @@ impl LampRenderer {
     pub fn irradiance(&self) -> Result<[Vec<[f32; 4]>; 2]> {
         let pixels = self.settings.width as usize * self.settings.height as usize;
         let Some(passes) = &self.passes else { return Ok([Vec::new(), Vec::new()]) };
-        Ok([passes.light.direct.download(pixels)?, passes.light.bounced.download(pixels)?])
+        Ok([passes.light.images.direct.download(pixels)?, passes.light.images.bounced.download(pixels)?])
     }
 
     /// The light G-buffers, unless they are there, and where they are important (4.1, 4.2); and what all passes have in
@@ -509,12 +611,13 @@ impl LampRenderer {
         if self.drawn.as_deref() == Some(lamps) {
             return Ok(pass);
         }
-        self.drawn = None;
+        (self.drawn, self.mapped) = (None, false);
         passes.views.set_up(&views, self.settings.materials(), self.area / vpls as f32, light_size)?;
         let mut recorder = Recorder::new(&self.context)?;
         passes.views.clear(&mut recorder);
         recorder.finish(profile)?;
         for (view, number) in views.iter().zip(0..) {
+            self.check_stop()?;
             self.lamp.draw(&view.camera, profile)?;
             let mut recorder = Recorder::new(&self.context)?;
             let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
@@ -542,6 +645,8 @@ impl LampRenderer {
         let common = self.draw_views(lamps, profile)?;
         let LampSettings { width, height, bounces, vpls, ism_points, .. } = self.settings;
         let rounds = rounds(self.count, vpls, ism_points);
+        // Of more bounces than one the buffers have the last lights only.
+        let known = self.mapped && bounces <= 1;
         let Some(passes) = &self.passes else { return Ok(()) };
         let pass = match wanted {
             Wanted::Picture(camera) => common.seen_by(camera, width, height),
@@ -563,10 +668,14 @@ impl LampRenderer {
             (Wanted::Chosen, None) => {}
         }
         // The first lights (4.2), and bounce by bounce their maps (4.3), their light (4.4) and the next (4.5).
-        passes.vpl.place(&mut recorder, pass)?;
+        if !known {
+            passes.vpl.place(&mut recorder, pass)?;
+        }
         for bounce in 0..bounces {
             let (pass, now) = (LampPass { bounce, ..pass }, (bounce % 2) as usize);
-            passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
+            if !known {
+                passes.ism.record(&mut recorder, &points, (pass, rounds), now)?;
+            }
             match (wanted, &passes.cloud) {
                 (Wanted::Picture(_), _) => passes.light.gather(&mut recorder, pass, now)?,
                 (Wanted::Chosen, Some(cloud)) => cloud.gather(&mut recorder, &chosen, pass, now)?,
@@ -575,11 +684,16 @@ impl LampRenderer {
             if bounce + 1 < bounces {
                 passes.vpl.redistribute(&mut recorder, &points, (pass, rounds), now)?;
             }
+            recorder.finish(profile)?;
+            self.check_stop()?;
+            recorder = Recorder::new(&self.context)?;
         }
         if let Wanted::Picture(_) = wanted {
             passes.light.compose(&mut recorder, pass)?;
         }
-        recorder.finish(profile)
+        recorder.finish(profile)?;
+        self.mapped = true;
+        Ok(())
     }
 
     /// Makes what the number of views asks for, unless it is there.
@@ -624,12 +738,17 @@ impl LampRenderer {
             let base = index * most;
             LitPoints { points: points.buffer(), surfels, base, count: most.min(self.count - base) }
         };
-        (0..).zip(buffers.iter().zip(&self.surfels)).map(part).collect()
+        (0..).zip(buffers.iter().zip(self.surfels.iter())).map(part).collect()
     }
 }
 
 /// Largest side of the parts of the camera's image that an object is lit in, pixels.
 const OBJECT_REGION: u32 = 1024;
+
+/// Size of the parts that an object is lit in.
+fn region(settings: &LampSettings) -> (u32, u32) {
+    (settings.width.min(OBJECT_REGION), settings.height.min(OBJECT_REGION))
+}
 
 /// Rounds of all points over all maps that give every map enough of them; more than a few are no gain.
 fn rounds(points: u32, maps: u32, wanted: u32) -> u32 {

@@ -301,6 +301,15 @@ pub struct Frame {
     pub stats: FrameStats,
 }
 
+impl Frame {
+    /// One that shows no object.
+    pub fn empty(width: u32, height: u32) -> Self {
+        let nothing = vec![[0.0; 4]; width as usize * height as usize];
+        let [rgba, position, normal, albedo] = [0; 4].map(|_| nothing.clone());
+        Self { width, height, rgba, position, normal, albedo, stats: FrameStats::default() }
+    }
+}
+
 /// What a frame took and did.
 #[derive(Clone, Debug, Default)]
 pub struct FrameStats {

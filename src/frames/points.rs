@@ -52,6 +52,11 @@ impl PointDisplay {
         }
     }
 
+    /// Whether it has colours, which lamps can change.
+    pub fn shows_light(self) -> bool {
+        matches!(self, Self::Raw | Self::Filled | Self::EyeDome)
+    }
+
     /// As `point_shade.comp` knows it.
     fn code(self) -> u32 {
         self as u32

@@ -43,6 +43,11 @@ impl LampObjectTargets {
         })
     }
 
+    /// Whether regions of that size fit.
+    pub fn hold(&self, (width, height): (u32, u32)) -> bool {
+        width <= self.camera.position.width && height <= self.camera.position.height
+    }
+
     fn bindings<'a>(&'a self, from: &'a GBuffer) -> Bindings<'a> {
         let sampler = self.nearest.handle;
         Bindings::new()
@@ -75,6 +80,15 @@ impl LampObjectPass {
             radiance,
             material,
         })
+    }
+
+    /// Changes an albedo, which no pipeline depends on; false where another pass is needed, and nothing is changed then.
+    pub fn set_material(&mut self, material: MaterialChoice) -> bool {
+        let fits = material.same_passes(self.material);
+        if fits {
+            self.material = material;
+        }
+        fits
     }
 
     /// Puts the object, drawn from the lamp, into view `pass.view` of the atlas.

@@ -14,12 +14,8 @@ use crate::gpu::{Bindings, Buffer, Context, Recorder};
 
 /// The pass for images of one size.
 pub struct SurfelViewPass {
-    /// Albedo, and depth along the view in metres or 0, a pixel.
-    surface: Buffer,
-    /// Unit normals, world space, a pixel.
-    pub normals: Buffer,
-    keys: Buffer,
-    _sides: Buffer,
+    context: Arc<Context>,
+    images: SurfelImages,
     edges: Operator,
     nearest: Operator,
     resolve: Operator,
@@ -27,46 +23,90 @@ pub struct SurfelViewPass {
     sets: Vec<[DescriptorSet; 2]>,
 }
 
+struct SurfelImages {
+    /// Albedo, and depth along the view in metres or 0, a pixel.
+    surface: Buffer,
+    /// Unit normals, world space, a pixel.
+    normals: Buffer,
+    keys: Buffer,
+    sides: Buffer,
+}
+
+impl SurfelImages {
+    fn new(context: &Arc<Context>, drawn: &PointImages) -> Result<Self> {
+        let (width, height, _) = drawn.levels.levels[0];
+        let pixels = u64::from(width) * u64::from(height);
+        let four = vk::Format::R32G32B32A32_SFLOAT;
+        Ok(Self {
+            surface: Buffer::with_texels(context, "surface", pixels * 16, four)?,
+            normals: Buffer::with_texels(context, "surface normals", pixels * 16, four)?,
+            keys: Buffer::with_texels(context, "surfel keys", pixels * 16, vk::Format::R32G32_UINT)?,
+            sides: Buffer::with_texels(context, "surfel sides", pixels * 4, vk::Format::R32_UINT)?,
+        })
+    }
+
+    fn bindings<'a>(&'a self, drawn: &'a PointImages, points: &LitPoints<'a>) -> Bindings<'a> {
+        Bindings::new()
+            .buffer("shaded_in", &drawn.shaded)
+            .buffer("shaded_normals_in", &drawn.shaded_normals)
+            .buffer("SurfelKeys", &self.keys)
+            .buffer("surfel_taken", &self.keys)
+            .buffer("SurfelSides", &self.sides)
+            .buffer("surfel_sides_in", &self.sides)
+            .buffer("surfel_sides_out", &self.sides)
+            .buffer("surface_out", &self.surface)
+            .buffer("surface_normals_out", &self.normals)
+            .and(points.bindings())
+    }
+}
+
 impl SurfelViewPass {
-    /// Makes buffers and pipelines for what is drawn into `images`.
+    /// Makes buffers and pipelines for what is drawn into `drawn`.
     ///
     /// # Errors
     /// When they do not fit the device.
-    pub fn new(context: &Arc<Context>, images: &PointImages, points: &[LitPoints<'_>]) -> Result<Self> {
-        let (width, height, _) = images.levels.levels[0];
-        let pixels = u64::from(width) * u64::from(height);
-        let four = vk::Format::R32G32B32A32_SFLOAT;
-        let surface = Buffer::with_texels(context, "surface", pixels * 16, four)?;
-        let normals = Buffer::with_texels(context, "surface normals", pixels * 16, four)?;
-        let keys = Buffer::with_texels(context, "surfel keys", pixels * 16, vk::Format::R32G32_UINT)?;
-        let sides = Buffer::with_texels(context, "surfel sides", pixels * 4, vk::Format::R32_UINT)?;
-        let shared = Bindings::new()
-            .buffer("shaded_in", &images.shaded)
-            .buffer("shaded_normals_in", &images.shaded_normals)
-            .buffer("SurfelKeys", &keys)
-            .buffer("surfel_taken", &keys)
-            .buffer("SurfelSides", &sides)
-            .buffer("surfel_sides_in", &sides)
-            .buffer("surfel_sides_out", &sides)
-            .buffer("surface_out", &surface)
-            .buffer("surface_normals_out", &normals);
-        let first = shared.clone().and(points[0].bindings());
+    pub fn new(context: &Arc<Context>, drawn: &PointImages, points: &[LitPoints<'_>]) -> Result<Self> {
+        let images = SurfelImages::new(context, drawn)?;
+        let first = images.bindings(drawn, &points[0]);
         let edges = Operator::new(context, "surfel_view/edges.comp", &[], &first)?;
         let nearest = Operator::new(context, "surfel_view/nearest.comp", &[], &first)?;
         let resolve = Operator::new(context, "surfel_view/resolve.comp", &[], &first)?;
-        let sets = points
-            .iter()
-            .map(|buffer| {
-                let bindings = shared.clone().and(buffer.bindings());
-                Ok([nearest.set(&bindings)?, resolve.set(&bindings)?])
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self { surface, normals, keys, _sides: sides, edges, nearest, resolve, sets })
+        let mut pass = Self { context: context.clone(), images, edges, nearest, resolve, sets: Vec::new() };
+        pass.bind_sets(drawn, points)?;
+        Ok(pass)
+    }
+
+    /// Takes what is drawn into other images, of whatever size, from now on.
+    ///
+    /// # Errors
+    /// When buffers of that size do not fit the device.
+    pub fn bind(&mut self, drawn: &PointImages, points: &[LitPoints<'_>]) -> Result<()> {
+        self.images = SurfelImages::new(&self.context, drawn)?;
+        let first = self.images.bindings(drawn, &points[0]);
+        // What these were bound to is gone.
+        self.edges.bind(&first)?;
+        self.nearest.bind(&first)?;
+        self.resolve.bind(&first)?;
+        self.bind_sets(drawn, points)
+    }
+
+    fn bind_sets(&mut self, drawn: &PointImages, points: &[LitPoints<'_>]) -> Result<()> {
+        let set = |buffer| {
+            let bindings = self.images.bindings(drawn, buffer);
+            Ok([self.nearest.set(&bindings)?, self.resolve.set(&bindings)?])
+        };
+        self.sets = points.iter().map(set).collect::<Result<_>>()?;
+        Ok(())
+    }
+
+    /// Unit normals, world space, a pixel.
+    pub fn normals(&self) -> &Buffer {
+        &self.images.normals
     }
 
     /// The G-buffer under the names that shaders use.
     pub fn bindings(&self) -> Bindings<'_> {
-        Bindings::new().buffer("surface", &self.surface).buffer("surface_normals", &self.normals)
+        Bindings::new().buffer("surface", &self.images.surface).buffer("surface_normals", &self.images.normals)
     }
 
     /// Records the pass after the points were drawn for `view`.
@@ -74,7 +114,7 @@ impl SurfelViewPass {
     /// # Errors
     /// When there are more points or pixels than a dispatch has.
     pub fn record(&self, recorder: &mut Recorder, points: &[LitPoints<'_>], view: PointView) -> Result<()> {
-        super::fill(recorder, "clear surfels", &[(&self.keys, u32::MAX)]);
+        super::fill(recorder, "clear surfels", &[(&self.images.keys, u32::MAX)]);
         self.edges.record(recorder, "silhouettes", &view, view.pixels())?;
         for (buffer, [set, _]) in points.iter().zip(&self.sets) {
             let dispatches: Vec<_> = buffer

@@ -24,7 +24,7 @@ pub enum LampKind {
         at: DVec3,
         /// Another point on the cone's axis, metres.
         to: DVec3,
-        /// From rim to rim, degrees, at most [`Lamp::MOST_DEGREES`].
+        /// From rim to rim, degrees, one of [`Lamp::DEGREES`].
         degrees: f32,
     },
     /// A point that shines alike in all directions.
@@ -62,8 +62,8 @@ pub struct Incident {
 }
 
 impl Lamp {
-    /// Widest cone of a spot, degrees from rim to rim: a wider one is what point lamps are for.
-    pub const MOST_DEGREES: f32 = 170.0;
+    /// Cones that a spot can have, degrees from rim to rim: a wider one is what point lamps are for.
+    pub const DEGREES: std::ops::RangeInclusive<f32> = 0.1..=170.0;
 
     /// Radiant intensity of spots and points within their light, W/sr; irradiance across the light of a sun, W/m^2.
     pub fn strength(&self) -> Vec3 {
@@ -111,6 +111,41 @@ impl Lamp {
             LampKind::Spot { degrees, .. } => 0.5 * degrees.to_radians(),
             LampKind::Point { .. } | LampKind::Sun { .. } => std::f32::consts::PI,
         }
+    }
+
+    /// What is wrong with it, if it is no lamp that could shine.
+    ///
+    /// # Errors
+    /// A line about it.
+    pub fn check(&self) -> Result<(), String> {
+        let places = match self.kind {
+            LampKind::Spot { at, to, .. } => [at, to],
+            LampKind::Point { at } => [at, at],
+            LampKind::Sun { direction } => [direction, direction],
+        };
+        if !places.into_iter().all(|place| place.is_finite() && place.abs().max_element() <= LARGEST) {
+            return Err(format!("lamp: a place beyond {LARGEST:e} metres"));
+        }
+        match self.kind {
+            LampKind::Spot { at, to, .. } if (to - at).try_normalize().is_none() => {
+                return Err("lamp: at and to are the same place".into());
+            }
+            LampKind::Spot { degrees, .. } if !Self::DEGREES.contains(&degrees) => {
+                let (least, most) = (Self::DEGREES.start(), Self::DEGREES.end());
+                return Err(format!("lamp: an angle of {degrees} degrees; a spot's is {least} to {most}"));
+            }
+            LampKind::Sun { direction } if direction.try_normalize().is_none() => {
+                return Err("lamp: a direction of length 0".into());
+            }
+            _ => {}
+        }
+        if !(self.power > 0.0 && f64::from(self.power) <= LARGEST) {
+            return Err(format!("lamp: a power of {}; it is above 0 and at most {LARGEST:e}", self.power));
+        }
+        if !(self.color.min_element() >= 0.0 && self.color.max_element() > 0.0 && self.color.is_finite()) {
+            return Err("lamp: a color is not negative, and above 0 in some channel".into());
+        }
+        Ok(())
     }
 
     /// Light at a place; `None` where none goes.
@@ -176,35 +211,17 @@ impl FromStr for Lamp {
         let place = |key: &str| need(key).and_then(|value| vector(key, value));
         let kind = match kind {
             "spot" => {
-                let (at, to) = (place("at")?, place("to")?);
-                if (to - at).try_normalize().is_none() {
-                    return Err("lamp: at and to are the same place".into());
-                }
                 let degrees = number("angle", need("angle")?)? as f32;
-                if !(0.1..=Self::MOST_DEGREES).contains(&degrees) {
-                    let most = Self::MOST_DEGREES;
-                    return Err(format!("lamp: an angle of {degrees} degrees; a spot's is 0.1 to {most}"));
-                }
-                LampKind::Spot { at, to, degrees }
+                LampKind::Spot { at: place("at")?, to: place("to")?, degrees }
             }
             "point" => LampKind::Point { at: place("at")? },
-            _ => {
-                let direction = place("direction")?;
-                if direction.try_normalize().is_none() {
-                    return Err("lamp: a direction of length 0".into());
-                }
-                LampKind::Sun { direction }
-            }
+            _ => LampKind::Sun { direction: place("direction")? },
         };
         let power = number("power", need("power")?)? as f32;
-        if power <= 0.0 {
-            return Err(format!("lamp: a power of {power}; it is above 0 and at most {LARGEST:e}"));
-        }
         let color = find("color").map_or(Ok(DVec3::ONE), |value| vector("color", value))?.as_vec3();
-        if color.min_element() < 0.0 || color.max_element() <= 0.0 {
-            return Err("lamp: a color is not negative, and above 0 in some channel".into());
-        }
-        Ok(Self { kind, power, color })
+        let lamp = Self { kind, power, color };
+        lamp.check()?;
+        Ok(lamp)
     }
 }
 

@@ -5,11 +5,9 @@ use std::fmt;
 use std::str::FromStr;
 
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
 
 /// How surfaces reflect.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfaces {
     /// Share of the albedo that is reflected diffusely, 0 to 1.
     pub diffuse: f32,
@@ -46,14 +44,11 @@ impl Surfaces {
 }
 
 /// Surfaces of the colours in a range.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Brush {
     /// Least of each channel, linear Rec. 709.
-    #[serde(with = "three")]
     pub from: Vec3,
     /// Most of each channel.
-    #[serde(with = "three")]
     pub to: Vec3,
     /// What they are made of.
     pub surfaces: Surfaces,
@@ -157,20 +152,6 @@ impl Brush {
     }
 }
 
-/// A vector as a list of three numbers.
-mod three {
-    use glam::Vec3;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub(super) fn serialize<S: Serializer>(vector: &Vec3, serializer: S) -> Result<S::Ok, S::Error> {
-        vector.to_array().serialize(serializer)
-    }
-
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec3, D::Error> {
-        <[f32; 3]>::deserialize(deserializer).map(Vec3::from)
-    }
-}
-
 /// Where the albedo of a point comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlbedoFrom {
@@ -251,17 +232,6 @@ mod tests {
             let message = Brush::check_all(&brushes).expect_err(word);
             assert!(message.contains(word) && !message.contains('\n'), "{message}");
         }
-    }
-
-    #[test]
-    fn brushes_are_read_from_a_table_and_nothing_else_is() {
-        let text =
-            "from = [0.5, 0.3, 0]\nto = [1, 0.8, 0.2]\nsurfaces = { diffuse = 0.1, specular = 0.8, shininess = 200 }";
-        let brush: Brush = toml::from_str(text).expect("a brush");
-        assert_eq!((brush.from, brush.surfaces.shininess), (Vec3::new(0.5, 0.3, 0.0), 200.0));
-        assert_eq!(toml::from_str::<Brush>(&toml::to_string(&brush).expect("a table")).expect("a brush"), brush);
-        assert!(toml::from_str::<Brush>(&text.replace("specular", "gloss")).is_err());
-        assert!(toml::from_str::<Brush>(&(text.to_owned() + "\nname = \"gold\"")).is_err());
     }
 
     #[test]

@@ -5,11 +5,13 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::loader::{Assets, Part};
+use super::messages::Stage;
+use super::renderers::Shot;
 use super::state::ViewState;
 use crate::Result;
 use crate::frames::composite::{Backdrop, Composite, compose};
 use crate::frames::points::{PointDisplay, PointFrame, PointRenderer, PointSettings, ShadowCaster};
-use crate::frames::{Frame, Settings};
+use crate::frames::{Frame, Method, Settings};
 use crate::gpu::Context;
 use crate::scene::{Camera, Placement};
 
@@ -43,10 +45,10 @@ impl Scan {
         context: &Arc<Context>,
         assets: &Assets,
         state: &ViewState,
-        [width, height]: [u32; 2],
-        camera: &Camera,
-        moving: bool,
+        shot: &Shot<'_>,
     ) -> Result<Option<&PointFrame>> {
+        let Shot { size: [width, height], camera, .. } = *shot;
+        let moving = shot.stage == Stage::Moving;
         let (Some(display), Some(chunks)) = (state.points, &assets.chunks) else { return Ok(None) };
         let most_points = moving.then_some(QUICK_POINTS);
         let renderer = match &mut self.renderer {
@@ -90,9 +92,9 @@ impl Scan {
     }
 }
 
-/// Object, scan and far field in one picture.
-pub(super) fn composed(assets: &Assets, frame: &Frame, scan: Option<&PointFrame>, camera: &Camera) -> Composite {
-    let environment = assets.far_field().map(Arc::as_ref);
+/// Object, scan and far field in one picture; technique lamps shows the scan alone.
+pub(super) fn composed(assets: &Assets, frame: &Frame, scan: Option<&PointFrame>, shot: &Shot<'_>) -> Composite {
+    let environment = assets.far_field().map(Arc::as_ref).filter(|_| shot.method != Method::Lamps);
     let tolerance = assets.chunks.as_ref().map_or(0.0, |chunks| chunks.spacing);
-    compose(frame, camera, Backdrop { points: scan, environment, tolerance })
+    compose(frame, shot.camera, Backdrop { points: scan, environment, tolerance })
 }

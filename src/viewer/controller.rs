@@ -14,7 +14,7 @@ use super::state::ViewState;
 use super::{camera_control as control, pick};
 use crate::gpu::context::ValidationLog;
 use crate::preprocess::hierarchy::Hierarchy;
-use crate::scene::{Camera, Viewpoint};
+use crate::scene::{Camera, LampKind, Viewpoint};
 use crate::{Error, Result};
 
 /// After so long without a change the view counts as still.
@@ -29,7 +29,7 @@ const RATE_WINDOW: Duration = Duration::from_secs(2);
 /// A button of the mouse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Button {
-    /// Orbits, or drags the object.
+    /// Orbits, or drags the object or a lamp.
     Left,
     /// Pans.
     Middle,
@@ -67,12 +67,14 @@ pub enum Input {
     Wheel(f32),
     /// A flying key went down or came up.
     Fly(Flight, bool),
-    /// Shift and Ctrl are held.
+    /// Shift, Ctrl and Alt are held.
     Modifiers {
         /// Shift.
         shift: bool,
         /// Ctrl.
         ctrl: bool,
+        /// Alt.
+        alt: bool,
     },
     /// A file was dropped on the window, or opened.
     Drop(PathBuf),
@@ -108,6 +110,8 @@ pub struct Controller {
     pub fatal: Option<Error>,
     /// Where the picture is in the window: left, top, width, height; pixels.
     pub area: [f32; 4],
+    /// The lamp that the mouse moves, counted from 0.
+    pub lamp: usize,
     mailbox: Arc<Mailbox>,
     pub(super) logs: Vec<Arc<ValidationLog>>,
     pub(super) origin: DVec3,
@@ -118,6 +122,7 @@ pub struct Controller {
     pointer: [f32; 2],
     shift: bool,
     ctrl: bool,
+    alt: bool,
     flying: HashSet<Flight>,
     drag: Option<Drag>,
     last_click: Option<(Instant, [f32; 2])>,
@@ -146,6 +151,7 @@ impl Controller {
             scene_path,
             fatal: None,
             area: [0.0; 4],
+            lamp: 0,
             mailbox,
             logs: Vec::new(),
             origin: DVec3::ZERO,
@@ -155,6 +161,7 @@ impl Controller {
             pointer: [0.0; 2],
             shift: false,
             ctrl: false,
+            alt: false,
             flying: HashSet::new(),
             drag: None,
             last_click: None,
@@ -197,7 +204,7 @@ impl Controller {
             Input::Fly(flight, false) => {
                 self.flying.remove(&flight);
             }
-            Input::Modifiers { shift, ctrl } => (self.shift, self.ctrl) = (shift, ctrl),
+            Input::Modifiers { shift, ctrl, alt } => (self.shift, self.ctrl, self.alt) = (shift, ctrl, alt),
             Input::Drop(path) => self.tell(|own| own.open(&path)),
             Input::Save => self.tell(Self::save),
             Input::Reopen => {
@@ -275,6 +282,12 @@ impl Controller {
         let grip = match button {
             Button::Middle => Grip::Pan,
             Button::Right => Grip::Look,
+            Button::Left if self.alt && self.chosen_lamp().is_some() => {
+                match self.chosen_lamp().map(|lamp| lamp.kind) {
+                    Some(LampKind::Spot { .. }) if !self.shift => Grip::LampTarget,
+                    _ => Grip::LampPlace,
+                }
+            }
             Button::Left if on_object && self.ctrl && self.shift => Grip::Scale,
             Button::Left if on_object && self.ctrl => Grip::Turn,
             Button::Left if on_object && !self.shift => match self.base_in_picture(&camera) {
@@ -310,6 +323,8 @@ impl Controller {
                 self.touch();
             }
             Grip::Move { offset } => self.move_object(offset),
+            Grip::LampTarget => self.aim_lamp(self.in_picture(at)),
+            Grip::LampPlace => self.shift_lamp([dx, dy]),
         }
     }
 

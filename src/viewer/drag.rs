@@ -20,6 +20,10 @@ pub(super) enum Grip {
     Turn,
     /// The object's scale.
     Scale,
+    /// What the chosen spot lights.
+    LampTarget,
+    /// Where the chosen lamp is.
+    LampPlace,
 }
 
 /// A drag that goes on.

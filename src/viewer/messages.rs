@@ -140,7 +140,15 @@ impl Controller {
         (self.origin, self.hierarchy, self.object_bounds) = (loaded.origin, loaded.hierarchy, loaded.object_bounds);
         self.loaded = loaded.state;
         self.undo = None;
-        let Some((low, high)) = self.object_bounds else { return };
+        let Some((low, high)) = self.object_bounds else {
+            let scan = self.hierarchy.as_ref().filter(|_| self.loaded.scan_alone());
+            if let (None, Some(hierarchy)) = (self.state.viewpoint, scan) {
+                let [x, y, z, radius] = hierarchy.spheres[0];
+                let camera = Camera::framing(Vec3::new(x, y, z), radius);
+                self.state.viewpoint = Some(Viewpoint::of(&camera, self.origin));
+            }
+            return;
+        };
         if let (None, Some(hierarchy)) = (self.state.placement.at, &self.hierarchy) {
             let mut at = self.origin;
             let [x, y, z, radius] = hierarchy.spheres[0];

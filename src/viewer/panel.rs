@@ -5,6 +5,7 @@ use std::path::Path;
 use egui::{Align2, Color32, FontId, RichText, Sense, Ui, Vec2};
 
 use super::controller::{Controller, Input};
+use super::lamp_panel as lamps;
 use super::messages::Stage;
 use super::state::{Named, ViewState};
 use crate::frames::{FrameStats, MaterialChoice, Method, Quality, Settings};
@@ -21,6 +22,7 @@ pub(super) fn show(ui: &mut Ui, controller: &mut Controller) {
             ui.spacing_mut().slider_width = 100.0;
             rendering(ui, controller);
             object(ui, controller);
+            lamps::show(ui, controller);
             display(ui, controller);
             probes(ui, controller);
             files(ui, controller);
@@ -36,7 +38,8 @@ pub(super) fn show(ui: &mut Ui, controller: &mut Controller) {
     });
 }
 
-fn choice<T: PartialEq + Copy>(ui: &mut Ui, label: &str, value: &mut T, options: &[(T, &str)]) {
+/// A menu of named values.
+pub(super) fn choice<T: PartialEq + Copy>(ui: &mut Ui, label: &str, value: &mut T, options: &[(T, &str)]) {
     let name = options.iter().find(|(option, _)| option == value).map_or("", |(_, name)| name);
     ui.horizontal(|ui| {
         egui::ComboBox::from_id_salt(label).selected_text(name).width(110.0).show_ui(ui, |ui| {

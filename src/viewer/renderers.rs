@@ -5,12 +5,15 @@ use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
 
+use super::lamp_renderers::{LampRenderers, Light, Lit};
 use super::loader::{Assets, Part};
 use super::messages::Stage;
 use super::probe_renderers::{ProbeRenderers, Subject};
 use super::state::ViewState;
+use crate::frames::lamps::LampFrame;
+use crate::frames::points::{PointDisplay, PointFrame};
 use crate::frames::{Frame, GpuScene, Method, Paper, Quality, Renderer, Settings, Technique};
-use crate::gpu::Context;
+use crate::gpu::{Context, Profile};
 use crate::preprocess::hierarchy::Hierarchy;
 use crate::scene::{Camera, Object, Placement, Vertex};
 use crate::{Error, Result};
@@ -28,6 +31,7 @@ pub(super) struct Renderers {
     slots: [Option<Slot>; 3],
     /// Those of technique probes.
     probes: ProbeRenderers,
+    lamps: LampRenderers,
     /// The simpler object's vertices and the object's own, and for which place.
     placed: [Option<Placed>; 2],
 }
@@ -41,6 +45,8 @@ struct LitScene {
     light: u64,
     /// Size of the far field, texels; none without one.
     size: Option<[u32; 2]>,
+    /// That of the lamps on the scan; none where it has its own alone.
+    lamps: Option<Light>,
 }
 
 struct Slot {
@@ -63,7 +69,8 @@ pub(super) struct Shot<'a> {
 impl Renderers {
     pub(super) fn new(context: Arc<Context>) -> Self {
         let (slots, placed) = ([None, None, None], [None, None]);
-        Self { context, scene: None, slots, probes: ProbeRenderers::default(), placed }
+        let (probes, lamps) = (ProbeRenderers::default(), LampRenderers::default());
+        Self { context, scene: None, slots, probes, lamps, placed }
     }
 
     /// Other files are loaded.
@@ -76,11 +83,18 @@ impl Renderers {
         }
         if has(Part::Cloud) {
             self.scene = None;
+            self.lamps.clear();
         }
     }
 
     /// Makes all pipelines again, or keeps all that there are.
     pub(super) fn rebuild(&mut self, assets: &Assets) -> Result<()> {
+        // Those of lamps are made again when they are needed.
+        self.lamps.clear();
+        if let (Some(lit), Some((_, _, hierarchy))) = (&mut self.scene, &assets.cloud) {
+            lit.scene.relight(hierarchy, None)?;
+            lit.lamps = None;
+        }
         let (Some((_, object)), Some(simple)) = (&assets.object, &assets.simple_object) else { return Ok(()) };
         let again = |slot: &Option<Slot>, object: &Arc<Object>| -> Result<Option<Slot>> {
             let (Some(Slot { renderer, placement }), Some(lit)) = (slot, &self.scene) else { return Ok(None) };
@@ -97,7 +111,11 @@ impl Renderers {
     }
 
     /// Renders a view of loaded files.
-    pub(super) fn render(&mut self, assets: &Assets, state: &ViewState, shot: Shot<'_>) -> Result<Frame> {
+    pub(super) fn render(&mut self, assets: &Assets, state: &ViewState, shot: &Shot<'_>) -> Result<Frame> {
+        if shot.method == Method::Lamps {
+            let [width, height] = shot.size;
+            return Ok(Frame::empty(width, height));
+        }
         // Technique probes has one object until its own transfer is made, whether things move or not.
         let own = match shot.method {
             Method::Probes => shot.stage == Stage::Finished,
@@ -125,7 +143,16 @@ impl Renderers {
             (Method::Cloud(_) | Method::Lamps, Some((_, _, hierarchy))) => {
                 self.probes.clear();
                 let scene = self.scene(assets, hierarchy)?;
-                self.gather(state, &scene, object, place, shot)
+                let profile = self.relight(assets, state, hierarchy, shot)?;
+                let mut frame = self.gather(state, &scene, object, place, shot)?;
+                frame.stats.profile.add(&profile);
+                if let Some(light) = Light::of(state, shot) {
+                    let lit = lit(&self.placed, (assets, state), &light, shot);
+                    let direct = self.lamps.object(&self.context, &lit)?;
+                    direct.add_to(&mut frame);
+                    frame.stats.profile.add(&direct.profile);
+                }
+                Ok(frame)
             }
             (Method::Cloud(_) | Method::Lamps, None) => Err(Error::Argument("a view needs a cloud".into())),
         }
@@ -143,7 +170,7 @@ impl Renderers {
                 self.slots = [None, None, None];
                 let far_field = far_field.map(Arc::as_ref);
                 let scene = GpuScene::new(&self.context, hierarchy, far_field, Paper::NONE)?;
-                LitScene { scene, light: assets.light, size }
+                LitScene { scene, light: assets.light, size, lamps: None }
             }
         };
         if let Some(far_field) = far_field.filter(|_| lit.light != assets.light) {
@@ -153,6 +180,56 @@ impl Renderers {
         Ok(self.scene.insert(lit).scene.clone())
     }
 
+    /// Lights the scan on the device with the lamps of a view, unless it is.
+    fn relight(
+        &mut self,
+        assets: &Assets,
+        state: &ViewState,
+        hierarchy: &Hierarchy,
+        shot: &Shot<'_>,
+    ) -> Result<Profile> {
+        let Some(scene) = &mut self.scene else { return Ok(Profile::default()) };
+        let wanted = Light::of(state, shot);
+        let mut profile = Profile::default();
+        match (&scene.lamps, &wanted) {
+            (None, None) => {}
+            (Some(known), Some(wanted)) if known.does_for(wanted) => return Ok(profile),
+            (_, Some(light)) => {
+                let lit = lit(&self.placed, (assets, state), light, shot);
+                let (radiance, light) = self.lamps.relight(&self.context, &lit)?;
+                scene.scene.relight(hierarchy, Some(&radiance))?;
+                profile = light.profile;
+            }
+            (Some(_), None) => {
+                scene.scene.relight(hierarchy, None)?;
+                self.lamps.clear();
+            }
+        }
+        scene.lamps = wanted;
+        Ok(profile)
+    }
+
+    /// The lamps' light on what is seen around an object of the scan, and the share of its own that stays; none without
+    /// lamps, and where the scan is not seen in its colours.
+    pub(super) fn lamp_light(
+        &mut self,
+        assets: &Assets,
+        state: &ViewState,
+        shot: &Shot<'_>,
+    ) -> Result<Option<(&LampFrame, f32)>> {
+        let shown = shot.method != Method::Lamps && state.points.is_some_and(PointDisplay::shows_light);
+        let Some(light) = Light::of(state, shot).filter(|_| shown) else { return Ok(None) };
+        self.lamps.picture(&self.context, &lit(&self.placed, (assets, state), &light, shot)).map(Some)
+    }
+
+    /// The scan by itself in the light of the lamps.
+    pub(super) fn scan_alone(&mut self, assets: &Assets, state: &ViewState, shot: &Shot<'_>) -> Result<PointFrame> {
+        let Some(light) = Light::of(state, shot) else {
+            return Err(Error::Argument("technique lamps needs a scan and lamps".into()));
+        };
+        self.lamps.scan_alone(&self.context, &Lit { assets, light: &light, object: None, shot })
+    }
+
     /// A picture by a technique that gathers the scan's light.
     fn gather(
         &mut self,
@@ -160,8 +237,9 @@ impl Renderers {
         scene: &GpuScene,
         object: &Object,
         place: (Placement, DVec3),
-        Shot { stage, size: [width, height], camera, stop, method }: Shot<'_>,
+        shot: &Shot<'_>,
     ) -> Result<Frame> {
+        let Shot { stage, size: [width, height], camera, method, .. } = *shot;
         let moving = stage == Stage::Moving;
         let Some((_, _, vertices)) = &self.placed[usize::from(!moving)] else {
             return Err(Error::Argument("the object has no place".into()));
@@ -182,9 +260,22 @@ impl Renderers {
             slot.placement = place;
         }
         slot.renderer.resize(width, height)?;
-        slot.renderer.stop_when(stop);
+        slot.renderer.stop_when(shot.stop.clone());
         slot.renderer.render(camera, &mut |_, _| {})
     }
+}
+
+/// The view's object in its place, and the scan around it, in the light of lamps.
+fn lit<'a>(
+    placed: &'a [Option<Placed>; 2],
+    (assets, state): (&'a Assets, &ViewState),
+    light: &'a Light,
+    shot: &'a Shot<'a>,
+) -> Lit<'a> {
+    let own = shot.stage != Stage::Moving;
+    let vertices = placed[usize::from(own)].as_ref().map(|(_, _, vertices)| &vertices[..]);
+    let object = assets.object_for(own).zip(vertices);
+    Lit { assets, light, object: object.map(|(object, vertices)| (&**object, vertices, state.material)), shot }
 }
 
 /// The same for pictures of any size.

@@ -7,7 +7,11 @@ use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
+
 use super::controller::{Button, Controller, Flight, Input};
+use super::lamp_control::NewLamp;
+use crate::scene::{Lamp, LampKind};
 use crate::{Error, Result};
 
 /// Longest that a script waits for a picture.
@@ -24,8 +28,16 @@ enum Command {
     Wait(Duration),
     /// `frames N`: until the window has shown so many more frames.
     Frames(u64),
-    /// `drag X,Y X,Y STEPS [left|middle|right] [ctrl] [shift]`
-    Drag { from: [f32; 2], to: [f32; 2], steps: u32, button: Button, ctrl: bool, shift: bool },
+    /// `drag X,Y X,Y STEPS [left|middle|right] [ctrl] [shift] [alt]`
+    Drag { from: [f32; 2], to: [f32; 2], steps: u32, button: Button, held: Held },
+    /// `lamp add LAMP`, as `--lamp` has it.
+    AddLamp(Lamp),
+    /// `lamp new spot|point|sun`, as the panel's buttons do.
+    NewLamp(NewLamp),
+    /// `lamp move N at X,Y,Z` and `lamp move N to X,Y,Z`, the first lamp being 1.
+    MoveLamp { number: usize, target: bool, place: DVec3 },
+    /// `lamp remove N`
+    RemoveLamp(usize),
     /// `wheel STEPS`
     Wheel(f32),
     /// `double-click X,Y`
@@ -66,6 +78,14 @@ enum Command {
     Lose { window: bool },
     /// `quit`
     Quit,
+}
+
+/// Keys that are held during a drag.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Held {
+    ctrl: bool,
+    shift: bool,
+    alt: bool,
 }
 
 /// What a script asks of the window beyond inputs.
@@ -167,9 +187,9 @@ impl Script {
             Command::WaitStatus(text) => return Ok(controller.status.contains(text)),
             Command::Wait(time) => return Ok(running.since.elapsed() >= *time),
             Command::Frames(count) => return Ok(frames >= running.frames + count),
-            Command::Drag { from, to, steps, button, ctrl, shift } => {
+            Command::Drag { from, to, steps, button, held: Held { ctrl, shift, alt } } => {
                 if done == 0 {
-                    controller.input(Input::Modifiers { shift: *shift, ctrl: *ctrl });
+                    controller.input(Input::Modifiers { shift: *shift, ctrl: *ctrl, alt: *alt });
                     controller.input(Input::Pointer(*from));
                     controller.input(Input::Press(*button));
                 }
@@ -179,7 +199,23 @@ impl Script {
                     return Ok(false);
                 }
                 controller.input(Input::Release(*button));
-                controller.input(Input::Modifiers { shift: false, ctrl: false });
+                controller.input(Input::Modifiers { shift: false, ctrl: false, alt: false });
+            }
+            Command::AddLamp(lamp) => controller.add_lamp(*lamp),
+            Command::NewLamp(kind) => controller.add_new_lamp(*kind),
+            Command::MoveLamp { number, target, place } => {
+                let lamp = known_lamp(controller, *number)?;
+                let kind = match (lamp.kind, target) {
+                    (LampKind::Spot { at, degrees, .. }, true) => LampKind::Spot { at, to: *place, degrees },
+                    (LampKind::Spot { to, degrees, .. }, false) => LampKind::Spot { at: *place, to, degrees },
+                    (LampKind::Point { .. }, false) => LampKind::Point { at: *place },
+                    _ => return Err(format!("lamp {number} has no such place: {lamp}")),
+                };
+                controller.change_lamp(number - 1, Lamp { kind, ..lamp });
+            }
+            Command::RemoveLamp(number) => {
+                known_lamp(controller, *number)?;
+                controller.remove_lamp(number - 1);
             }
             Command::Wheel(steps) => controller.input(Input::Wheel(*steps)),
             Command::DoubleClick(at) => {
@@ -235,6 +271,12 @@ impl Script {
     }
 }
 
+/// The lamp of a number from 1.
+fn known_lamp(controller: &Controller, number: usize) -> Result<Lamp, String> {
+    let lamp = number.checked_sub(1).and_then(|index| controller.state.lamps.lamps.get(index));
+    lamp.copied().ok_or_else(|| format!("there is no lamp {number}"))
+}
+
 fn rate(controller: &Controller) -> String {
     let picture = controller.picture.as_ref();
     let (width, height, ms) = picture.map_or((0, 0, 0.0), |p| (p.width, p.height, p.ms));
@@ -273,15 +315,27 @@ fn parse(line: &str) -> Option<Command> {
             from: place(from)?,
             to: place(to)?,
             steps: steps.parse().ok().filter(|steps| *steps > 0)?,
-            button: match how.iter().find(|word| !["ctrl", "shift"].contains(*word)) {
+            button: match how.iter().find(|word| !["ctrl", "shift", "alt"].contains(*word)) {
                 None | Some(&"left") => Button::Left,
                 Some(&"middle") => Button::Middle,
                 Some(&"right") => Button::Right,
                 Some(_) => return None,
             },
-            ctrl: how.contains(&"ctrl"),
-            shift: how.contains(&"shift"),
+            held: Held { ctrl: how.contains(&"ctrl"), shift: how.contains(&"shift"), alt: how.contains(&"alt") },
         },
+        ("lamp", ["add", ..]) => Command::AddLamp(rest.strip_prefix("add")?.parse().ok()?),
+        ("lamp", ["new", kind]) => Command::NewLamp(match *kind {
+            "spot" => NewLamp::Spot,
+            "point" => NewLamp::Point,
+            "sun" => NewLamp::Sun,
+            _ => return None,
+        }),
+        ("lamp", ["move", number, end @ ("at" | "to"), place]) => {
+            let place: Vec<f64> = place.split(',').map(|part| part.parse().ok()).collect::<Option<_>>()?;
+            let place = DVec3::from(<[f64; 3]>::try_from(place).ok()?);
+            Command::MoveLamp { number: number.parse().ok()?, target: *end == "to", place }
+        }
+        ("lamp", ["remove", number]) => Command::RemoveLamp(number.parse().ok()?),
         ("wheel", [steps]) => Command::Wheel(steps.parse().ok().filter(|n: &f32| n.is_finite())?),
         ("double-click", [at]) => Command::DoubleClick(place(at)?),
         ("fly", [key, time]) => Command::Fly(
@@ -346,10 +400,13 @@ mod tests {
             to: [3.5, 4.0],
             steps: 10,
             button: Button::Middle,
-            ctrl: true,
-            shift: false,
+            held: Held { ctrl: true, ..Held::default() },
         };
         assert_eq!(drag, expected);
+        let aimed = Command::MoveLamp { number: 2, target: true, place: DVec3::new(1.0, -2.0, 0.5) };
+        assert_eq!(parse("lamp move 2 to 1,-2,0.5"), Some(aimed));
+        let lamp = "point at=1,2,3 power=4";
+        assert_eq!(parse(&format!("lamp add {lamp}")), lamp.parse().ok().map(Command::AddLamp));
         assert_eq!(parse("drop a file.ply"), Some(Command::Drop("a file.ply".into())));
         assert_eq!(parse("wait-frame 12"), Some(Command::WaitFrame(12)));
         assert_eq!(parse("fly w 0.5"), Some(Command::Fly(Flight::Forward, Duration::from_millis(500))));
@@ -363,6 +420,10 @@ mod tests {
             "wait-frame -1",
             "drop",
             "lose all",
+            "lamp add point at=1,2,3",
+            "lamp move 1 at 1,2",
+            "lamp move 1 by 1,2,3",
+            "lamp remove all",
         ] {
             assert_eq!(parse(wrong), None, "{wrong}");
         }

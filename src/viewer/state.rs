@@ -15,6 +15,8 @@ use crate::probes::{CrossFade, Late, Mapping, ProbeSequence, SequenceOptions};
 use crate::scene::{Placement, Viewpoint};
 use crate::{Error, Result};
 
+pub use super::lamps::LampChoice;
+
 /// Enums with a name for each value.
 pub trait Named: Copy + PartialEq + Sized + 'static {
     /// Values and their names, as files and menus have them.
@@ -112,6 +114,8 @@ pub struct ViewState {
     pub probes: Option<ProbeChoice>,
     /// Whether probes that change are played.
     pub playing: bool,
+    /// Lamps that are not in the scan.
+    pub lamps: LampChoice,
     /// Where the object stands.
     pub placement: Placement,
     /// From where it is seen; the object is framed for `None`.
@@ -143,6 +147,7 @@ impl Default for ViewState {
             environment: None,
             probes: None,
             playing: true,
+            lamps: LampChoice::default(),
             placement: Placement::default(),
             viewpoint: None,
             quality: Quality::default(),
@@ -240,6 +245,7 @@ impl ViewState {
             environment: file.environment.clone(),
             probes,
             playing: file.probes.playing.unwrap_or(default.playing),
+            lamps: LampChoice::of_table(&file.lamps)?,
             placement: Placement {
                 at: vector("placement.at", placement.at)?,
                 scale: number("placement.scale", placement.scale, 1.0 / LARGEST, LARGEST, 1.0)?,
@@ -277,6 +283,7 @@ impl ViewState {
                 playing: Some(self.playing),
             }),
             size: self.size,
+            lamps: self.lamps.to_table(),
             placement: PlacementTable {
                 at: self.placement.at.map(|at| at.to_array()),
                 scale: Some(self.placement.scale),
@@ -313,15 +320,27 @@ impl ViewState {
         match self.technique {
             _ if !scan => Method::Probes,
             Some(Method::Probes) => Method::Probes,
+            _ if self.scan_alone() => Method::Lamps,
             _ if !feedback => Method::Cloud(Technique::Classic),
             Some(method @ Method::Cloud(_)) => method,
             Some(Method::Lamps) | None => Method::Cloud(self.quality.settings().technique),
         }
     }
 
-    /// Whether there is an object, and something that lights it.
+    /// Whether the scan alone is shown in the light of lamps.
+    pub(super) fn scan_alone(&self) -> bool {
+        self.technique == Some(Method::Lamps) && self.cloud.is_some() && !self.lamps.lamps.is_empty()
+    }
+
+    /// The lamps, where they light anything: not where only probes do.
+    pub(super) fn lit_by(&self, method: Method) -> Option<&LampChoice> {
+        (self.cloud.is_some() && method != Method::Probes && !self.lamps.lamps.is_empty()).then_some(&self.lamps)
+    }
+
+    /// Whether there is an object and something that lights it, or a scan that lamps light.
     pub fn complete(&self) -> bool {
-        self.object.is_some() && (self.cloud.is_some() || self.environment.is_some() || self.probes.is_some())
+        let lit = self.cloud.is_some() || self.environment.is_some() || self.probes.is_some();
+        self.scan_alone() || (self.object.is_some() && lit)
     }
 }
 
@@ -383,6 +402,24 @@ mod tests {
                 late: Late::Wait,
             }),
             playing: false,
+            lamps: LampChoice {
+                lamps: [
+                    "spot at=0.1,-2.2,1e-7 to=500000.3,0,0.7 power=0.3 angle=33.3 color=0.1,0.7,1e-3",
+                    "point at=1,2,3 power=7.1",
+                    "sun direction=0.3,-1,0.1 power=1e-3",
+                ]
+                .map(|text| text.parse().expect("a lamp"))
+                .to_vec(),
+                bounces: 3,
+                vpls: 48,
+                interleave: 4,
+                ism_size: 16,
+                ism_fill: 0,
+                surfaces: "diffuse=0.7 specular=0.1 shininess=33.3".parse().expect("surfaces"),
+                brushes: vec!["from=0,0.1,0 to=0.3,1,1 diffuse=0.3 specular=0.7".parse().expect("a brush")],
+                albedo: "constant:0.3".parse().expect("an albedo"),
+                scan_light: Some(1.0 / 3.0),
+            },
             technique: Some(Method::Probes),
             microbuffer: Some(12),
             material: MaterialChoice::Metal(0.1),
@@ -412,6 +449,21 @@ mod tests {
             ("[probes]\npath = \"p\"\nmapping = \"flat\"", "probes.mapping"),
             ("[probes]\npath = \"p\"\nlate = \"never\"", "probes.late"),
             ("environment = \"e.exr\"\n[probes]\npath = \"p\"", "exclude each other"),
+            (
+                "[lamps]\nlist = [\"sun direction=0,-1,0 power=1\", \"spot at=0,0,0 to=0,1,0 power=1\"]",
+                "lamps.list, entry 2",
+            ),
+            ("[lamps]\nlist = [\"lantern\"]", "begins with spot"),
+            ("[lamps]\nbounces = 9", "lamps.bounces"),
+            ("[lamps]\nvpls = 17", "lamps.vpls"),
+            ("[lamps]\ninterleave = 3", "lamps.interleave"),
+            ("[lamps]\nism_size = 12", "lamps.ism_size"),
+            ("[lamps]\nism_fill = 99", "lamps.ism_fill"),
+            ("[lamps]\nscan_light = -1", "lamps.scan_light"),
+            ("[lamps]\nsurfaces = \"diffuse=2\"", "lamps.surfaces"),
+            ("[lamps]\nbrushes = [\"from=0,0,0\"]", "lamps.brushes, entry 1"),
+            ("[lamps]\nalbedo_from = \"light\"", "lamps.albedo_from"),
+            ("[lamps]\nbrightness = 1", "brightness"),
             ("[display]\ntone = \"nice\"", "there are srgb, filmic"),
             ("size = [0, 9]", "size"),
             ("up = \"down\"", "up"),

@@ -393,7 +393,8 @@ impl ApplicationHandler<()> for App {
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
-                self.controller.input(Input::Modifiers { shift: state.shift_key(), ctrl: state.control_key() });
+                let (shift, ctrl, alt) = (state.shift_key(), state.control_key(), state.alt_key());
+                self.controller.input(Input::Modifiers { shift, ctrl, alt });
             }
             WindowEvent::CursorMoved { position, .. } => {
                 self.controller.input(Input::Pointer([position.x as f32, position.y as f32]));

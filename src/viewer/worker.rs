@@ -1,5 +1,6 @@
 //! The thread that loads and renders: it owns relume's device, and the window never waits for it.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
@@ -299,7 +300,7 @@ impl Thread {
                 let stop = (stage != Stage::Moving).then(|| self.mailbox.stop());
                 let Work { renderers, assets, .. } = work;
                 let shot = Shot { method, stage, size, camera: &camera, stop };
-                let render = || renderers.render(assets, &request.state, shot);
+                let mut render = || renderers.render(assets, &request.state, &shot);
                 let mut frame = match &mut self.capture {
                     Ok(capture) if std::mem::take(&mut work.capture) => {
                         let (frame, file) = capture.frame(render)?;
@@ -308,14 +309,8 @@ impl Thread {
                     }
                     _ => render()?,
                 };
-                let Work { scan, context, assets, .. } = work;
-                let moving = stage == Stage::Moving;
-                let points = scan.render(context, assets, &request.state, size, &camera, moving)?;
-                let picture = composed(assets, &frame, points, &camera);
-                if let Some(points) = points {
-                    frame.stats.profile.add(&points.profile);
-                }
-                Still { state: shown, size, stage, light: assets.light, frame, camera, picture }
+                let picture = work.composed(&request.state, &shot, &mut frame)?;
+                Still { state: shown, size, stage, light: work.assets.light, frame, camera, picture }
             }
         };
         let Still { frame, picture, .. } = &still;
@@ -363,7 +358,8 @@ impl Thread {
             send(Message::Status(line));
         }
         let Assets { object, cloud, .. } = &work.assets;
-        let complete = object.is_some() && (cloud.is_some() || work.assets.far_field().is_some());
+        let lit = cloud.is_some() || work.assets.far_field().is_some();
+        let complete = (object.is_some() && lit) || (cloud.is_some() && state.scan_alone());
         match loaded {
             Ok(new) => {
                 if loading {
@@ -425,6 +421,29 @@ impl Work {
         self.request = Some(request);
     }
 
+    /// The object in the scan, both in the light of the lamps; `frame` hears what the scan took.
+    fn composed(&mut self, state: &ViewState, shot: &Shot<'_>, frame: &mut Frame) -> Result<Composite> {
+        let Self { renderers, scan, context, assets, .. } = self;
+        let profile = &mut frame.stats.profile;
+        let points = match shot.method {
+            Method::Lamps => Some(Cow::Owned(renderers.scan_alone(assets, state, shot)?)),
+            Method::Cloud(_) | Method::Probes => scan.render(context, assets, state, shot)?.map(Cow::Borrowed),
+        };
+        if let Some(points) = &points {
+            profile.add(&points.profile);
+        }
+        let points = match (points, renderers.lamp_light(assets, state, shot)?) {
+            (Some(points), Some((light, share))) => {
+                let mut points = points.into_owned();
+                light.add_to(&mut points, share);
+                profile.add(&light.profile);
+                Some(Cow::Owned(points))
+            }
+            (points, _) => points,
+        };
+        Ok(composed(assets, frame, points.as_deref(), shot))
+    }
+
     /// How long there is nothing to do, if nothing comes in.
     fn wait(&self) -> Duration {
         if self.next.is_some() {
@@ -445,6 +464,8 @@ impl Work {
             _ if playing => Stage::Moving,
             // Of technique probes, a draft is what there is before the object's own transfer.
             Stage::Draft if method == Method::Probes && self.assets.transfers.of(true).is_some() => Stage::Finished,
+            // Its pictures have one quality.
+            Stage::Draft if method == Method::Lamps => Stage::Finished,
             stage => stage,
         }
     }
