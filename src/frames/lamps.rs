@@ -9,7 +9,7 @@ use ash::vk;
 use glam::Vec3;
 
 use super::Frame;
-use super::points::{BUFFER_POINTS, LitBy, PointFrame, PointRenderer, PointSettings};
+use super::points::{BUFFER_POINTS, LitBy, PointDisplay, PointFrame, PointRenderer, PointSettings};
 use super::region::Bounds;
 use crate::gpu::{Buffer, Context, Profile, Recorder};
 use crate::passes::convolve::MaterialChoice;
@@ -50,6 +50,8 @@ pub struct LampSettings {
     pub ism_points: u32,
     /// Pixels along a side of a lamp's view, a power of two.
     pub light_size: u32,
+    /// Most points that views of lamps and camera are made of; fewer are a thinner cloud.
+    pub most_points: Option<u64>,
     /// What surfaces are made of that no brush is about.
     pub surfaces: Surfaces,
     /// What surfaces of chosen colours are made of; the first that fits wins, at most [`Brush::MOST`].
@@ -72,6 +74,7 @@ impl Default for LampSettings {
             ism_fill: 2,
             ism_points: 4096,
             light_size: 512,
+            most_points: None,
             surfaces: Surfaces::default(),
             brushes: Vec::new(),
             albedo: AlbedoFrom::default(),
@@ -309,7 +312,13 @@ impl LampRenderer {
             return Err(Error::Argument("lamps need a cloud with normals, and this one has none".into()));
         }
         let memory_budget = memory_budget - settings.bytes();
-        let points = PointSettings { width, height, memory_budget, ..PointSettings::default() };
+        let points = PointSettings {
+            width,
+            height,
+            memory_budget,
+            most_points: settings.most_points,
+            ..PointSettings::default()
+        };
         let camera = PointRenderer::new(context, chunks, points)?;
         if camera.resident_buffers().is_none() {
             return Err(Error::Limit(format!(
@@ -357,7 +366,8 @@ impl LampRenderer {
     pub fn beside(&self, settings: LampSettings) -> Result<Self> {
         settings.check()?;
         settings.check_budget()?;
-        let camera = self.camera.beside(settings.width, settings.height)?;
+        let mut camera = self.camera.beside(settings.width, settings.height)?;
+        camera.show(PointDisplay::default(), settings.most_points);
         let lamp = camera.beside(settings.light_size, settings.light_size)?;
         Ok(Self {
             context: self.context.clone(),
@@ -622,7 +632,7 @@ impl LampRenderer {
             let mut recorder = Recorder::new(&self.context)?;
             let seen = PointView::new(&view.camera, light_size, light_size, self.spacing);
             let pass = LampPass { view: number, ..pass };
-            passes.lamp_surface.record(&mut recorder, &self.lit_points(), seen)?;
+            passes.lamp_surface.record(&mut recorder, (&self.lit_points(), self.share()), seen)?;
             passes.views.copy(&mut recorder, pass)?;
             if let (Some(object), Some(lit)) = (&self.object, &passes.object) {
                 let region = Rect { x: 0, y: 0, width: light_size, height: light_size };
@@ -661,7 +671,7 @@ impl LampRenderer {
         match (wanted, &passes.cloud) {
             (Wanted::Picture(camera), _) => {
                 let seen = PointView::new(camera, width, height, self.spacing);
-                passes.camera_surface.record(&mut recorder, &points, seen)?;
+                passes.camera_surface.record(&mut recorder, (&points, self.share()), seen)?;
                 passes.light.direct(&mut recorder, pass)?;
             }
             (Wanted::Chosen, Some(cloud)) => cloud.direct(&mut recorder, &chosen, pass)?,
@@ -727,6 +737,11 @@ impl LampRenderer {
         let object = self.object.as_ref().map(object).transpose()?;
         self.passes = Some(Passes { side, lamp_surface, camera_surface, views, ism, vpl, light, cloud, object });
         Ok(())
+    }
+
+    /// Share of the points that views are made of.
+    fn share(&self) -> f32 {
+        self.settings.most_points.map_or(1.0, |most| (most as f32 / self.count.max(1) as f32).min(1.0))
     }
 
     /// The points with their normals, by buffer.

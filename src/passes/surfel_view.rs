@@ -109,16 +109,22 @@ impl SurfelViewPass {
         Bindings::new().buffer("surface", &self.images.surface).buffer("surface_normals", &self.images.normals)
     }
 
-    /// Records the pass after the points were drawn for `view`.
+    /// Records the pass after a share of the points was drawn for `view`.
     ///
     /// # Errors
     /// When there are more points or pixels than a dispatch has.
-    pub fn record(&self, recorder: &mut Recorder, points: &[LitPoints<'_>], view: PointView) -> Result<()> {
+    pub fn record(
+        &self,
+        recorder: &mut Recorder,
+        (points, share): (&[LitPoints<'_>], f32),
+        view: PointView,
+    ) -> Result<()> {
         super::fill(recorder, "clear surfels", &[(&self.images.keys, u32::MAX)]);
         self.edges.record(recorder, "silhouettes", &view, view.pixels())?;
         for (buffer, [set, _]) in points.iter().zip(&self.sets) {
             let dispatches: Vec<_> = buffer
-                .runs()
+                .thin_runs(share)
+                .into_iter()
                 .map(|(first, count)| (PointView { first, count, source: buffer.base, ..view }, count))
                 .collect();
             self.nearest.record_with(recorder, "nearest surfels", set, &dispatches)?;

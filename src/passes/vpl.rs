@@ -10,6 +10,7 @@ use super::operator::Operator;
 use crate::Result;
 use crate::gpu::pipeline::DescriptorSet;
 use crate::gpu::{Bindings, Buffer, Constant, Context, Recorder};
+use crate::preprocess::point_chunks::CHUNK;
 
 /// Points on the device with their normals, and how many the buffers before hold.
 pub struct LitPoints<'a> {
@@ -34,6 +35,16 @@ impl<'a> LitPoints<'a> {
         const MOST: u32 = 1 << 22;
         let count = self.count;
         (0..count).step_by(MOST as usize).map(move |first| (first, MOST.min(count - first)))
+    }
+
+    /// The same over a share of the points that lies evenly among them: the first of each chunk.
+    pub(super) fn thin_runs(&self, share: f32) -> Vec<(u32, u32)> {
+        let (count, chunk) = (self.count, CHUNK as u32);
+        if share >= 1.0 {
+            return self.runs().collect();
+        }
+        let part = |first: u32| (first, ((count - first).min(chunk) as f32 * share).ceil() as u32);
+        (0..count).step_by(CHUNK).map(part).collect()
     }
 
     /// `pass` over all of them.

@@ -22,7 +22,9 @@ const QUICK_INTERLEAVE: u32 = 4;
 const QUICK_BOUNCES: u32 = 1;
 /// Pixels along a side of a lamp's view then.
 const QUICK_LIGHT_SIZE: u32 = 256;
-/// Most points that a map gets then.
+/// Points of such a view, and of what is seen of the scan.
+const QUICK_POINTS: u64 = 100_000;
+/// Points that a map gets at least then.
 const QUICK_ISM_POINTS: u32 = 2048;
 
 /// What decides the light on the scan, wherever it is seen from.
@@ -66,6 +68,7 @@ impl Light {
             interleave: QUICK_INTERLEAVE,
             ism_points: QUICK_ISM_POINTS,
             light_size: QUICK_LIGHT_SIZE,
+            most_points: Some(QUICK_POINTS),
             ..settings
         }
     }
