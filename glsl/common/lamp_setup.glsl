@@ -76,6 +76,7 @@ float reflectance(vec3 color) {
 
 // Normalised Phong lobe around the mirror image of `towards`, the direction to the light.
 float phong(Surfaces surfaces, vec3 normal, vec3 towards, vec3 out_) {
+    if (surfaces.specular == 0.0) return 0.0;
     float cosine = dot(reflect(-towards, normal), out_);
     return cosine > 0.0 ? surfaces.specular * (surfaces.shininess + 2.0) * 0.159154943 * pow(cosine, surfaces.shininess) : 0.0;
 }

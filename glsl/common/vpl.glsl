@@ -31,8 +31,11 @@ vec3 glossy_intensity(uint index, vec3 normal, vec3 out_) {
     int at = 8 * int(index);
     Surfaces surfaces = Surfaces(0.0, texelFetch(vpl, at + 1).w, texelFetch(vpl, at + 2).w);
     if (surfaces.specular == 0.0) return vec3(0.0);
-    return texelFetch(vpl, at + 4).rgb * phong(surfaces, normal, texelFetch(vpl, at + 5).xyz, out_)
-         + texelFetch(vpl, at + 6).rgb * phong(surfaces, normal, texelFetch(vpl, at + 7).xyz, out_);
+    vec3 flux = texelFetch(vpl, at + 4).rgb, lamp_flux = texelFetch(vpl, at + 6).rgb, sum = vec3(0.0);
+    // Mostly there is one of them.
+    if (flux != vec3(0.0)) sum += flux * phong(surfaces, normal, texelFetch(vpl, at + 5).xyz, out_);
+    if (lamp_flux != vec3(0.0)) sum += lamp_flux * phong(surfaces, normal, texelFetch(vpl, at + 7).xyz, out_);
+    return sum;
 }
 
 // Two unit vectors that complete `normal` to a frame (Duff et al. 2017).

@@ -119,14 +119,14 @@ impl Studio<'_> {
         let (ring, mirror) = (ring?, mirror?);
         let mut tiles = Vec::new();
         for (name, shot) in [
-            ("ring", Shot { chunks: &ring, camera: &ABOVE, lamp: ASIDE, stops: -0.5 }),
+            ("ring", Shot { chunks: &ring, camera: &ABOVE, lamp: ASIDE, stops: -3.5 }),
             ("parabolic mirror", Shot { chunks: &mirror, camera: &BESIDE, lamp: ALONG, stops: 0.0 }),
         ] {
             for bounces in [0, 1] {
                 let settings = LampSettings {
                     bounces,
                     vpls: CAUSTIC_VPLS,
-                    interleave: 1,
+                    interleave: 2,
                     brushes: vec![caustics::polished_gold()],
                     ..self.settings.clone()
                 };
