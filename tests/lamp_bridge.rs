@@ -129,9 +129,8 @@ fn a_sphere_shows_the_red_bounce_of_a_lamp_as_path_tracing_does() {
     let (rms, bias): (f32, f32) = ((squares * count).sqrt() / sum, difference / sum);
     println!("{count} pixels: RMS {rms}, bias {bias}, sums {reds:?}");
     assert!(count > 1000.0 && rms < 0.08 && bias.abs() < 0.03, "RMS {rms}, bias {bias}");
-    for [value, truth] in [0, 1].map(|_| reds.map(|sum| sum.x / sum.y)) {
-        assert!(value > 2.0 && (value / truth - 1.0).abs() < 0.05, "red over green: {value} instead of {truth}");
-    }
+    let [value, truth] = reds.map(|sum| sum.x / sum.y);
+    assert!(value > 2.0 && (value / truth - 1.0).abs() < 0.05, "red over green: {value} instead of {truth}");
 }
 
 #[test]
@@ -219,14 +218,9 @@ fn an_object_is_lit_straight_from_the_lamp_and_shades_the_room() {
         let expected = incident.irradiance.x * cosine.max(0.0) * ALBEDO / PI;
         let [value, .., covered] = light.radiance[k];
         assert!(covered == 1.0, "pixel {x}, {y} shows the sphere");
-        // Where the light grazes it, the bias of shadow maps lets a little through.
-        if cosine.abs() > 0.15 {
-            if (value - expected).abs() > 0.04 * expected {
-                println!("DBG {x} {y} cos {cosine} value {value} expected {expected} past {past} normal {normal}");
-                on_object += 1;
-                continue;
-            }
-            assert!((value - expected).abs() < 0.04 * expected + 0.05, "pixel {x}, {y}: {value} instead of {expected}");
+        // Where the light grazes it, a texel of the shadow map has more depths than its bias allows for.
+        if cosine.abs() > 0.2 {
+            assert!((value - expected).abs() < 0.04 * expected + 0.02, "pixel {x}, {y}: {value} instead of {expected}");
             on_object += 1;
         }
     }
