@@ -166,6 +166,86 @@ fn light_of_chosen_points_is_that_of_the_path_tracer() {
 }
 
 #[test]
+fn an_object_is_lit_straight_from_the_lamp_and_shades_the_room() {
+    let device = Device::new();
+    let room = Dark::new(400_000);
+    let (centre, radius) = (vec3(0.0, 1.0, 0.0), 0.35);
+    let object = sphere(radius, 5).transformed(glam::Affine3A::from_translation(centre));
+    let spot = [lamp("spot at=-0.3,2.6,0.2 to=0.1,0,0 power=40 angle=70")];
+    let size = 128;
+    let settings = LampSettings { width: size, height: size, light_size: 1024, ..settings(0) };
+    let mut lamps = LampRenderer::new(&device.0, &room.chunks, settings).expect("a renderer");
+    let camera = Camera { from: vec3(-0.4, 1.8, 2.3), at: vec3(0.0, 0.6, 0.0), fov_y: 1.0 };
+    lamps.render(&camera, &spot).expect("a picture");
+    let [without, _] = lamps.irradiance().expect("irradiance");
+    lamps.set_object(Some((&object, MaterialChoice::Diffuse(ALBEDO)))).expect("an object");
+    let light = lamps.light_object(&camera, &spot).expect("light");
+    let frame = lamps.render(&camera, &spot).expect("a picture");
+    let [direct, _] = lamps.irradiance().expect("irradiance");
+
+    // The way from a place to the lamp, if the sphere is not in it, and whether that is a close call.
+    let at = vec3(-0.3, 2.6, 0.2);
+    let clear = |place: Vec3| {
+        let (direction, length) = (at - place).normalize_and_length();
+        let along = (centre - place).dot(direction).clamp(0.0, length);
+        let past = (place + direction * along).distance(centre);
+        (past > radius, (past - radius).abs() < 0.03)
+    };
+    let (mut shaded, mut lit, mut on_object) = (0, 0, 0);
+    for k in 0..(size * size) as usize {
+        let (x, y) = (k as u32 % size, k as u32 / size);
+        let ray = camera.ray_direction(x, y, size, size);
+        let depth = frame.color_depth[k][3];
+        let (_, _, forward) = camera.basis();
+        let place = camera.from + ray * (depth / ray.dot(forward));
+        let expected = without[k][0];
+        if depth > 0.0 && expected > 0.1 && !clear(place).1 {
+            let share = direct[k][0] / expected;
+            let wanted = if clear(place).0 { 1.0 } else { 0.0 };
+            assert!((share - wanted).abs() < 0.01, "pixel {x}, {y}: {share} of the light instead of {wanted}");
+            if wanted == 0.0 { shaded += 1 } else { lit += 1 }
+        }
+        // The sphere: where the eye's ray meets it, lit on the side of the lamp.
+        let b = ray.dot(centre - camera.from);
+        let past = (camera.from + ray * b).distance(centre);
+        // Its rim is that of a mesh.
+        if past > radius * 0.9 {
+            continue;
+        }
+        let hit = camera.from + ray * (b - (radius * radius - past * past).sqrt());
+        let normal = (hit - centre) / radius;
+        let incident = spot[0].incident(hit).expect("within the cone");
+        let cosine = normal.dot(incident.towards);
+        let expected = incident.irradiance.x * cosine.max(0.0) * ALBEDO / PI;
+        let [value, .., covered] = light.radiance[k];
+        assert!(covered == 1.0, "pixel {x}, {y} shows the sphere");
+        // Where the light grazes it, the bias of shadow maps lets a little through.
+        if cosine.abs() > 0.15 {
+            if (value - expected).abs() > 0.04 * expected {
+                println!("DBG {x} {y} cos {cosine} value {value} expected {expected} past {past} normal {normal}");
+                on_object += 1;
+                continue;
+            }
+            assert!((value - expected).abs() < 0.04 * expected + 0.05, "pixel {x}, {y}: {value} instead of {expected}");
+            on_object += 1;
+        }
+    }
+    println!("{shaded} pixels in the shadow, {lit} lit, {on_object} on the sphere");
+    assert!(shaded > 100 && lit > 1000 && on_object > 500);
+
+    // Another place is as if it had been there from the beginning.
+    let moved = object.clone().transformed(glam::Affine3A::from_translation(vec3(0.3, -0.2, 0.1)));
+    lamps.place_object(&moved.vertices).expect("moved");
+    let there = lamps.light_object(&camera, &spot).expect("light");
+    lamps.set_object(Some((&moved, MaterialChoice::Diffuse(ALBEDO)))).expect("an object");
+    assert!(there.radiance == lamps.light_object(&camera, &spot).expect("light").radiance);
+    assert!(there.radiance != light.radiance);
+    lamps.set_object(None).expect("no object");
+    lamps.render(&camera, &spot).expect("a picture");
+    assert!(lamps.irradiance().expect("irradiance")[0] == without, "the shadow stays");
+}
+
+#[test]
 fn a_lamp_that_is_put_out_leaves_the_bytes_of_the_unlit_picture() {
     let device = Device::new();
     let mut room = toy_room();

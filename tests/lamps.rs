@@ -9,7 +9,7 @@ use common::Device;
 use glam::{Vec3, vec3};
 use rayon::prelude::*;
 use relume::compare::luminance;
-use relume::frames::lamps::{LampFrame, LampRenderer, LampSettings, Surfaces};
+use relume::frames::lamps::{AlbedoFrom, Brush, LampFrame, LampRenderer, LampSettings, Surfaces};
 use relume::gpu::Context;
 use relume::preprocess::point_chunks::PointChunks;
 use relume::reference::path_tracer::PathTracer;
@@ -113,22 +113,41 @@ fn bounces_in_the_cornell_box_match_the_path_tracer() {
     const FINE: usize = 192;
     let device = Device::new();
     let scene = Scene::new(cornell_box(), 1_000_000);
-    let spot = [lamp(FRONT)];
-    let truth = truth(FINE, &scene.tracer, &spot, (3, 128));
-    let render = |bounces| {
-        let settings = LampSettings { width: FINE as u32, height: FINE as u32, ..settings(bounces, 1024) };
-        radiance(&scene.renderer(&device.0, settings).render(&camera(), &spot).expect("a picture"))
-    };
-    let direct = render(0);
-    println!("direct: {:?}", difference(&direct, &truth, 0..=0));
-    for (bounces, most) in [(1, 0.08), (2, 0.08), (3, 0.08)] {
-        let all = render(bounces as u32);
-        let bounced: Vec<f32> = all.iter().zip(&direct).map(|(all, direct)| all - direct).collect();
-        let (whole, alone) = (difference(&all, &truth, 0..=bounces), difference(&bounced, &truth, 1..=bounces));
-        println!("{bounces} bounces: {whole:?}, bounced light alone {alone:?}");
-        assert!(whole.rms < most && whole.bias.abs() < 0.05, "{bounces} bounces: {whole:?}");
-        assert!(alone.rms < 0.17 && alone.bias.abs() < 0.06, "{bounces} bounces: {alone:?}");
+    for (text, most) in [(FRONT, [0.05; 3]), (CEILING, [0.11, 0.10, 0.10])] {
+        let spot = [lamp(text)];
+        let truth = truth(FINE, &scene.tracer, &spot, (3, 128));
+        let render = |bounces| {
+            let settings = LampSettings { width: FINE as u32, height: FINE as u32, ..settings(bounces, 1024) };
+            radiance(&scene.renderer(&device.0, settings).render(&camera(), &spot).expect("a picture"))
+        };
+        let direct = render(0);
+        println!("{text}: direct {:?}", difference(&direct, &truth, 0..=0));
+        for (bounces, most) in (1..).zip(most) {
+            let all = render(bounces as u32);
+            let bounced: Vec<f32> = all.iter().zip(&direct).map(|(all, direct)| all - direct).collect();
+            let (whole, alone) = (difference(&all, &truth, 0..=bounces), difference(&bounced, &truth, 1..=bounces));
+            println!("{bounces} bounces: {whole:?}, bounced light alone {alone:?}");
+            assert!(whole.rms < most && whole.bias.abs() < 0.05, "{bounces} bounces: {whole:?}");
+            assert!(alone.rms < 0.17 && alone.bias.abs() < 0.06, "{bounces} bounces: {alone:?}");
+        }
     }
+}
+
+#[test]
+fn silhouettes_lie_where_the_surfaces_end() {
+    let device = Device::new();
+    let frame = BOX.renderer(&device.0, settings(0, 16)).render(&camera(), &[]).expect("a picture");
+    let (camera, size) = (camera(), SIZE as u32);
+    let (.., forward) = camera.basis();
+    let wrong = |k: &u32| {
+        let direction = camera.ray_direction(k % size, k / size, size, size);
+        let hit = BOX.tracer.hit(camera.from, direction).filter(|hit| hit.front);
+        let expected = hit.map_or(0.0, |hit| hit.distance * direction.dot(forward));
+        (frame.color_depth[*k as usize][3] - expected).abs() > 0.02 * expected
+    };
+    let count = (0..size * size).filter(wrong).count();
+    println!("{count} pixels show another surface");
+    assert!(count < 60, "{count} pixels show another surface");
 }
 
 #[test]
@@ -218,6 +237,121 @@ fn a_cube_that_only_a_wall_lights_casts_a_soft_shadow() {
 }
 
 #[test]
+fn mirror_lobes_make_no_light() {
+    // A closed box, a spot straight down at its floor: a lobe at a right angle reflects all of its share.
+    let device = Device::new();
+    let (low, high, albedo, power) = (Vec3::splat(-1.0), Vec3::splat(1.0), 0.8, 12.0);
+    let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z * 2.0);
+    let walls = [(low, z, x), (low, x, y), (low, y, z), (high, -x, -z), (high, -y, -x), (high, -z, -y)];
+    let surfaces = walls.map(|(corner, u, v)| Rectangle::new(corner, u, v, Vec3::splat(albedo))).to_vec();
+    let scene = Scene::new(Room { surfaces }, 100_000);
+    let spot = [lamp(&format!("spot at=0,0.9,0 to=0,-1,0 power={power} angle=20"))];
+    let (points, surfels) = (&scene.chunks.points, &scene.chunks.surfels);
+    let surfaces = Surfaces { diffuse: 0.4, specular: 0.6, shininess: 15.0 };
+    let reflected = surfaces.diffuse * albedo + surfaces.specular;
+    let mut last = 0.0;
+    for bounces in 0..=3 {
+        let mut renderer = scene.renderer(&device.0, LampSettings { surfaces, ..settings(bounces, 1024) });
+        renderer.choose(points, surfels).expect("points to light");
+        let light = renderer.light(&spot).expect("light").radiance;
+        let area = 24.0 / points.len() as f32;
+        let flux = light.iter().map(|radiance| radiance.y * PI / reflected * area).sum::<f32>() / power;
+        println!("{bounces} bounces: {flux} of the power arrives");
+        let most = (0..=bounces as i32).map(|bounce| reflected.powi(bounce)).sum::<f32>();
+        if bounces < 2 {
+            assert!((flux / most - 1.0).abs() < 0.04, "{bounces} bounces: {flux} instead of {most}");
+        } else {
+            // Aslant a lobe loses what would go into the surface.
+            let least = last + (surfaces.diffuse * albedo).powi(bounces as i32);
+            assert!(flux < 1.02 * most && flux > least, "{bounces} bounces: {flux} of {least} to {most}");
+        }
+        last = flux;
+    }
+}
+
+#[test]
+fn a_brush_changes_the_surfaces_of_its_colour_alone() {
+    let device = Device::new();
+    let half = Surfaces { diffuse: 0.5, ..Surfaces::default() };
+    let red = Brush { from: vec3(0.5, 0.0, 0.0), to: vec3(0.7, 0.2, 0.2), surfaces: half };
+    let of_no_colour = Brush { from: Vec3::ONE, to: Vec3::ONE, surfaces: half };
+    let render = |settings: &LampSettings, text: &str| {
+        let mut renderer = BOX.renderer(&device.0, settings.clone());
+        let frame = renderer.render(&camera(), &[lamp(text)]).expect("a picture");
+        let [_, bounced] = renderer.irradiance().expect("irradiance");
+        (frame.color_depth, bounced, renderer.surface().expect("a surface"))
+    };
+    let plain = settings(0, 64);
+    let brushed = LampSettings { brushes: vec![of_no_colour, red], ..plain.clone() };
+    let ((before, _, surface), (after, ..)) = (render(&plain, FRONT), render(&brushed, FRONT));
+    let mut counts = [0; 2];
+    for ((before, after), normal) in before.iter().zip(&after).zip(&surface.normal) {
+        // The red wall looks along +X, and so does a side of a block that is turned, but not as straight.
+        let red = normal[0] > 0.999;
+        let expected = if red { 0.5 * before[0] } else { before[0] };
+        assert!((after[0] - expected).abs() <= 1e-5 * before[0], "{after:?} after {before:?}");
+        counts[usize::from(red)] += usize::from(before[0] > 0.0);
+    }
+    assert!(counts.iter().all(|count| *count > 100), "{counts:?} lit pixels");
+    // All light that has been reflected comes from the red wall: half as much of it is left.
+    let on_red = "spot at=0.6,1.2,0.5 to=-1,1,0.5 power=20 angle=20";
+    let [plain, brushed] = [plain, brushed].map(|settings| LampSettings { bounces: 1, vpls: 256, ..settings });
+    let ((_, before, _), (_, after, _)) = (render(&plain, on_red), render(&brushed, on_red));
+    let sum = |light: &[[f32; 4]]| light.iter().map(|light| light[0]).sum::<f32>();
+    let (before, after) = (sum(&before), sum(&after));
+    assert!(before > 0.0 && (after / before - 0.5).abs() < 1e-3, "{after} of {before}");
+    // The first that fits wins, and constant albedos leave brushes to the colour.
+    let white = Brush { surfaces: Surfaces::default(), ..red };
+    let undone = LampSettings { brushes: vec![white, red], ..plain.clone() };
+    assert!(render(&undone, on_red).1 == render(&plain, on_red).1);
+    let constant = |settings: &LampSettings| LampSettings { albedo: AlbedoFrom::Constant(0.5), ..settings.clone() };
+    let (before, after) = (render(&constant(&plain), on_red).1, render(&constant(&brushed), on_red).1);
+    assert!((sum(&after) / sum(&before) - 0.5).abs() < 1e-3);
+    assert!(before.iter().all(|light| (light[0] - light[1]).abs() <= 1e-5 * light[0]), "grey light from a red wall");
+}
+
+#[test]
+fn a_mirror_sends_light_where_the_law_of_reflection_says() {
+    // A spot at 45 degrees onto a polished floor; its lobe falls on a wall.
+    let device = Device::new();
+    let gold = vec3(0.9, 0.6, 0.2);
+    let floor = Rectangle::new(vec3(-0.4, 0.0, -0.4), Vec3::Z * 0.8, Vec3::X * 0.8, gold);
+    let wall = Rectangle::new(vec3(1.5, 0.0, -1.5), Vec3::Z * 3.0, Vec3::Y * 3.0, Vec3::splat(0.5));
+    let scene = Scene::new(Room { surfaces: vec![floor, wall] }, 400_000);
+    let (specular, shininess, power) = (0.8, 40.0, 10.0);
+    let surfaces = Surfaces { diffuse: 0.0, specular, shininess };
+    let brushes = vec![Brush { from: gold - 0.02, to: gold + 0.02, surfaces }];
+    let mut renderer = scene.renderer(&device.0, LampSettings { brushes, ..settings(1, 256) });
+    let camera = Camera { from: vec3(-0.5, 1.5, 0.0), at: vec3(1.5, 1.5, 0.0), fov_y: 1.2 };
+    renderer.render(&camera, &[lamp("spot at=-1.5,1.5,0 to=0,0,0 power=10 angle=3")]).expect("a picture");
+    let [_, bounced] = renderer.irradiance().expect("irradiance");
+    let size = SIZE as u32;
+    let mut brightest = (0.0, Vec3::ZERO);
+    let (mut differences, mut sum) = (0.0, 0.0);
+    for (k, light) in (0..size * size).zip(&bounced) {
+        let direction = camera.ray_direction(k % size, k / size, size, size);
+        let place = camera.from + direction * ((1.5 - camera.from.x) / direction.x);
+        if place.y < 0.05 {
+            continue;
+        }
+        // All of the lamp's light in the origin, by the lobe about (1, 1, 0).
+        let (to, distance) = place.normalize_and_length();
+        let cosine = to.dot(vec3(1.0, 1.0, 0.0).normalize()).max(0.0);
+        let lobe = specular * (shininess + 2.0) / (2.0 * PI) * cosine.powf(shininess);
+        let expected = power * lobe * to.y * to.x / (distance * distance);
+        differences += (light[0] - expected).powi(2);
+        sum += expected * expected;
+        if light[0] > brightest.0 {
+            brightest = (light[0], place);
+        }
+    }
+    println!("{brightest:?}, relative difference {}", (differences / sum).sqrt());
+    assert!((differences / sum).sqrt() < 0.05, "{}", (differences / sum).sqrt());
+    // A little below 45 degrees, since the wall is nearer there.
+    assert!(brightest.1.distance(vec3(1.5, 1.45, 0.0)) < 0.1, "{brightest:?}");
+}
+
+#[test]
 fn the_same_lamps_give_the_same_bytes() {
     let device = Device::new();
     let spot = [lamp(CEILING)];
@@ -227,7 +361,7 @@ fn the_same_lamps_give_the_same_bytes() {
         ..settings(3, 256)
     };
     let bytes = |renderer: &mut LampRenderer| renderer.render(&camera(), &spot).expect("a picture").color_depth;
-    let mut renderer = BOX.renderer(&device.0, settings);
+    let mut renderer = BOX.renderer(&device.0, settings.clone());
     let first = bytes(&mut renderer);
     renderer.render(&camera(), &[lamp("point at=0,1,0 power=3")]).expect("another picture");
     assert!(first == bytes(&mut renderer), "after other lamps");
@@ -248,7 +382,7 @@ fn odd_lamps_and_clouds_give_dark_pixels_or_clear_errors_but_no_nan() {
         "spot at=0,1.9,0 to=0,0,0 power=1e-9 angle=0.1",
     ];
     let small = LampSettings { width: 33, height: 20, light_size: 64, ..settings(2, 64) };
-    let mut renderer = BOX.renderer(&device.0, small);
+    let mut renderer = BOX.renderer(&device.0, small.clone());
     for text in lamps {
         let frame = renderer.render(&camera(), &[lamp(text)]).expect("a picture");
         assert!(frame.color_depth.iter().flatten().all(|v| v.is_finite()), "{text}");
@@ -259,21 +393,27 @@ fn odd_lamps_and_clouds_give_dark_pixels_or_clear_errors_but_no_nan() {
         let (colors, normals) = (vec![Vec3::ONE; positions.len()], vec![Vec3::Z; positions.len()]);
         let cloud = Cloud { positions: positions.to_vec(), colors, normals, ..Cloud::default() };
         let chunks = Arc::new(PointChunks::new(&cloud).expect("few points"));
-        let mut renderer = LampRenderer::new(&device.0, &chunks, small).expect("a renderer");
+        let mut renderer = LampRenderer::new(&device.0, &chunks, small.clone()).expect("a renderer");
         let lamps = [lamp("spot at=0,1,3 to=0,1,0 power=5 angle=60"), lamp("sun direction=0,0,-1 power=1")];
         let frame = renderer.render(&camera(), &lamps).expect("a picture");
         assert!(frame.color_depth.iter().flatten().all(|v| v.is_finite()), "{positions:?}");
     }
     let bare = Arc::new(PointChunks::from_points(&[Vec3::ONE], &[Vec3::ONE], &[]).expect("a point"));
-    let message = LampRenderer::new(&device.0, &bare, small).err().expect("no normals").to_string();
+    let message = LampRenderer::new(&device.0, &bare, small.clone()).err().expect("no normals").to_string();
     assert!(message.contains("normals"), "{message}");
+    let brush = Brush { from: Vec3::ZERO, to: Vec3::ONE, surfaces: Surfaces::default() };
     for (wrong, word) in [
-        (LampSettings { bounces: 9, ..small }, "9 bounces"),
-        (LampSettings { vpls: 100, ..small }, "multiple of 16"),
-        (LampSettings { interleave: 3, ..small }, "interleaving"),
-        (LampSettings { ism_size: 48, ..small }, "power of two"),
-        (LampSettings { light_size: 0, ..small }, "views of lamps"),
-        (LampSettings { surfaces: Surfaces { diffuse: 0.9, specular: 0.2, shininess: 5.0 }, ..small }, "more light"),
+        (LampSettings { bounces: 9, ..small.clone() }, "9 bounces"),
+        (LampSettings { vpls: 100, ..small.clone() }, "multiple of 16"),
+        (LampSettings { interleave: 3, ..small.clone() }, "interleaving"),
+        (LampSettings { ism_size: 48, ..small.clone() }, "power of two"),
+        (LampSettings { light_size: 0, ..small.clone() }, "views of lamps"),
+        (
+            LampSettings { surfaces: Surfaces { diffuse: 0.9, specular: 0.2, shininess: 5.0 }, ..small.clone() },
+            "more light",
+        ),
+        (LampSettings { brushes: vec![brush; 9], ..small.clone() }, "9 brushes"),
+        (LampSettings { albedo: AlbedoFrom::Constant(0.0), ..small.clone() }, "albedo of 0"),
     ] {
         let message = LampRenderer::new(&device.0, &BOX.chunks, wrong).err().expect(word).to_string();
         assert!(message.contains(word), "{message}");

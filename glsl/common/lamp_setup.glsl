@@ -1,4 +1,4 @@
-// Lamps as views, and what all surfaces are made of (`LampSetup` in passes/lamp_view.rs).
+// Lamps as views, and what surfaces are made of (`Materials` and `LampView` in passes/lamp_view.rs).
 
 layout(binding = 20) uniform samplerBuffer lamp_setup;
 
@@ -11,7 +11,6 @@ struct Surfaces {
     float diffuse;
     float specular;
     float shininess;
-    float area; // square metres of the cloud for each virtual light
 };
 
 struct LampView {
@@ -25,13 +24,31 @@ struct LampView {
     vec3 strength; // radiant intensity; irradiance of a sun
 };
 
-Surfaces load_surfaces() {
-    vec4 head = texelFetch(lamp_setup, 0);
-    return Surfaces(head.x, head.y, head.z, head.w);
+// Eight brushes and what comes before them.
+const int FIRST_VIEW = 26;
+
+// Square metres of the cloud for each virtual light.
+float light_area() { return texelFetch(lamp_setup, 0).x; }
+
+// Scans carry no material: it is a matter of the colour alone.
+vec3 albedo_of(vec3 color) {
+    float constant = texelFetch(lamp_setup, 0).y;
+    return constant > 0.0 ? vec3(constant) : color;
+}
+
+Surfaces surfaces_of(vec3 color) {
+    int brushes = int(texelFetch(lamp_setup, 0).z), at = 1;
+    for (int k = 0; k < brushes && at == 1; ++k) {
+        bool fits = all(greaterThanEqual(color, texelFetch(lamp_setup, 2 + 3 * k).rgb))
+                 && all(lessThanEqual(color, texelFetch(lamp_setup, 3 + 3 * k).rgb));
+        if (fits) at = 4 + 3 * k;
+    }
+    vec3 shares = texelFetch(lamp_setup, at).xyz;
+    return Surfaces(shares.x, shares.y, shares.z);
 }
 
 LampView load_lamp_view(uint view) {
-    int at = 1 + 5 * int(view);
+    int at = FIRST_VIEW + 5 * int(view);
     vec4 a = texelFetch(lamp_setup, at), b = texelFetch(lamp_setup, at + 1), c = texelFetch(lamp_setup, at + 2);
     vec3 forward = texelFetch(lamp_setup, at + 3).xyz, strength = texelFetch(lamp_setup, at + 4).xyz;
     return LampView(a.xyz, a.w, b.xyz, b.w, c.xyz, uint(c.w), forward, strength);
@@ -51,11 +68,15 @@ int lamp_texel(uint view, ivec2 pixel) {
 
 float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
 
-// Share of the light that a surface of this albedo reflects in all.
-float reflectance(Surfaces surfaces, vec3 albedo) { return surfaces.diffuse * luminance(albedo) + surfaces.specular; }
+// Share of the light that a surface of this colour reflects in all.
+float reflectance(vec3 color) {
+    Surfaces surfaces = surfaces_of(color);
+    return surfaces.diffuse * luminance(albedo_of(color)) + surfaces.specular;
+}
 
 // Normalised Phong lobe around the mirror image of `towards`, the direction to the light.
 float phong(Surfaces surfaces, vec3 normal, vec3 towards, vec3 out_) {
+    if (surfaces.specular == 0.0) return 0.0;
     float cosine = dot(reflect(-towards, normal), out_);
     return cosine > 0.0 ? surfaces.specular * (surfaces.shininess + 2.0) * 0.159154943 * pow(cosine, surfaces.shininess) : 0.0;
 }

@@ -6,7 +6,7 @@ layout(binding = 1) uniform usamplerBuffer surfels; // normal on an octahedron, 
 struct Surfel {
     vec3 position;
     vec3 normal;
-    vec3 albedo;
+    vec3 color;
     float spacing; // metres
 };
 

@@ -1,7 +1,8 @@
 // Virtual point lights (Preiner 2010, 4.2): what each is, how it shines, and its paraboloid map (Brabec et al. 2002).
 
-// Eight texels each: place and the area it stands for; normal; diffuse intensity along the normal; albedo; flux from the
-// previous light; direction to that; flux from the lamp; direction to that.
+// Eight texels each: place and the area it stands for; normal, and share of its mirror lobe; diffuse intensity along the
+// normal, and the lobe's exponent; colour; flux from the previous light; direction to that; flux from the lamp;
+// direction to that.
 layout(binding = 21) uniform samplerBuffer vpl;
 
 struct Vpl {
@@ -26,10 +27,15 @@ float near_bound(Vpl light) { return light.area * 0.0795774715; }
 vec3 load_flux(uint index) { return texelFetch(vpl, 8 * int(index) + 4).rgb + texelFetch(vpl, 8 * int(index) + 6).rgb; }
 
 // What it sends in a direction by its lobes alone, before the cosine.
-vec3 glossy_intensity(Surfaces surfaces, uint index, vec3 normal, vec3 out_) {
+vec3 glossy_intensity(uint index, vec3 normal, vec3 out_) {
     int at = 8 * int(index);
-    return texelFetch(vpl, at + 4).rgb * phong(surfaces, normal, texelFetch(vpl, at + 5).xyz, out_)
-         + texelFetch(vpl, at + 6).rgb * phong(surfaces, normal, texelFetch(vpl, at + 7).xyz, out_);
+    Surfaces surfaces = Surfaces(0.0, texelFetch(vpl, at + 1).w, texelFetch(vpl, at + 2).w);
+    if (surfaces.specular == 0.0) return vec3(0.0);
+    vec3 flux = texelFetch(vpl, at + 4).rgb, lamp_flux = texelFetch(vpl, at + 6).rgb, sum = vec3(0.0);
+    // Mostly there is one of them.
+    if (flux != vec3(0.0)) sum += flux * phong(surfaces, normal, texelFetch(vpl, at + 5).xyz, out_);
+    if (lamp_flux != vec3(0.0)) sum += lamp_flux * phong(surfaces, normal, texelFetch(vpl, at + 7).xyz, out_);
+    return sum;
 }
 
 // Two unit vectors that complete `normal` to a frame (Duff et al. 2017).

@@ -28,7 +28,6 @@ vec3 direct(Surfel surfel) {
 }
 
 vec3 bounced(Surfel surfel, uint part, uint parts) {
-    Surfaces surfaces = load_surfaces();
     uint count = lamp_pass.vpls / parts;
     vec3 irradiance = vec3(0.0);
     for (uint k = part * count; k < (part + 1u) * count; ++k) {
@@ -41,7 +40,7 @@ vec3 bounced(Surfel surfel, uint part, uint parts) {
         float distance_ = sqrt(distance2);
         if (!vpl_sees(k, to * frame, distance_, surfel.normal * frame)) continue;
         vec3 intensity = light.diffuse;
-        if (GLOSSY) intensity += glossy_intensity(surfaces, k, light.normal, to / distance_);
+        if (GLOSSY) intensity += glossy_intensity(k, light.normal, to / distance_);
         irradiance += intensity * (cosines / (distance2 * (distance2 + near_bound(light))));
     }
     return irradiance * float(parts);
@@ -55,8 +54,8 @@ void main() {
     if (offset >= lamp_pass.count) return;
     uint index = lamp_pass.first + offset;
     Surfel surfel = load_surfel(int(index));
-    Surfaces surfaces = load_surfaces();
-    vec3 reflected = (surfel.albedo * surfaces.diffuse + surfaces.specular) * 0.318309886;
+    Surfaces surfaces = surfaces_of(surfel.color);
+    vec3 reflected = (albedo_of(surfel.color) * surfaces.diffuse + surfaces.specular) * 0.318309886;
     if (DIRECT) imageStore(radiance, int(index), vec4(direct(surfel) * reflected, 0.0));
     else imageStore(radiance, int(index), imageLoad(radiance, int(index)) + vec4(bounced(surfel, part, parts) * reflected, 0.0));
 }

@@ -43,7 +43,7 @@ void main() {
     irradiance /= max(weights, 1.0);
     lobes /= max(weights, 1.0);
     vec3 all = irradiance + texelFetch(direct_in, int(index)).rgb;
-    vec3 radiance = all * pixel.albedo * (load_surfaces().diffuse * 0.318309886) + lobes;
+    vec3 radiance = all * albedo_of(pixel.color) * (surfaces_of(pixel.color).diffuse * 0.318309886) + lobes;
     imageStore(lit_out, int(index), vec4(radiance, pixel.depth));
     imageStore(smooth_out, int(index), vec4(irradiance, 1.0));
 }

@@ -17,7 +17,7 @@ void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= lamp_pass.width * lamp_pass.height) return;
     Pixel pixel = load_pixel(ivec2(index % lamp_pass.width, index / lamp_pass.width));
-    Surfaces surfaces = load_surfaces();
+    Surfaces surfaces = surfaces_of(pixel.color);
     vec3 irradiance = vec3(0.0), glossy = vec3(0.0);
     for (uint k = 0u; k < lamp_pass.views && pixel.depth > 0.0; ++k) {
         vec3 towards;

@@ -27,7 +27,7 @@ void main() {
     if (at.x >= int(lamp_pass.width) || at.y >= int(lamp_pass.height) || row >= rows) return;
     Pixel pixel = load_pixel(at);
     if (pixel.depth == 0.0) return;
-    Surfaces surfaces = load_surfaces();
+    Surfaces surfaces = surfaces_of(pixel.color);
 
     // Runs of lights: a run of Halton points is even, every n-th of them is not.
     uint count = lamp_pass.vpls / parts;
@@ -44,7 +44,7 @@ void main() {
         float factor = cosines / (distance2 * (distance2 + near_bound(light)));
         vec3 intensity = light.diffuse;
         vec3 direction = to / distance_;
-        if (GLOSSY) intensity += glossy_intensity(surfaces, k, light.normal, direction);
+        if (GLOSSY) intensity += glossy_intensity(k, light.normal, direction);
         irradiance += intensity * factor;
         if (GLOSSY) lobes += intensity * (factor * phong(surfaces, pixel.normal, -direction, pixel.to_eye));
     }

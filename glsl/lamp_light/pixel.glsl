@@ -9,7 +9,7 @@ struct Pixel {
     vec3 position;
     float depth; // 0 where nothing is
     vec3 normal;
-    vec3 albedo;
+    vec3 color;
     vec3 to_eye;
 };
 

@@ -37,5 +37,5 @@ void main() {
     imageStore(lamp_places_out, texel, vec4(view.eye + ray * color.w, color.w));
     imageStore(lamp_normals_out, texel, vec4(normal, share));
     imageStore(lamp_colors_out, texel, color);
-    imageStore(importance_out, texel, vec4(share * luminance(view.strength) * reflectance(load_surfaces(), color.rgb)));
+    imageStore(importance_out, texel, vec4(share * luminance(view.strength) * reflectance(color.rgb)));
 }

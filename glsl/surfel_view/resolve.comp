@@ -64,6 +64,6 @@ void main() {
     bool known = abs(towards) > EDGE_ON * length(ray) && abs(planar - place.z) <= same_surface(place.z);
     // What is seen from behind is lit from behind.
     vec3 side = dot(facing, place) > 0.0 ? -surfel.normal : surfel.normal;
-    imageStore(surface_out, int(index), vec4(surfel.albedo, known ? planar : place.z));
+    imageStore(surface_out, int(index), vec4(surfel.color, known ? planar : place.z));
     imageStore(surface_normals_out, int(index), vec4(side, 1.0));
 }

@@ -28,8 +28,7 @@ void main() {
     uint number = lamp_pass.base + index;
     uint light = light_of(number);
     Surfel surfel = load_surfel(int(index));
-    Surfaces surfaces = load_surfaces();
-    Candidate candidate = candidate_of(surfaces, light, surfel);
+    Candidate candidate = candidate_of(light, surfel);
     if (!(candidate.weight > 0.0)) return;
     mat3 frame = frame_of(load_vpl(light).normal);
     if (!vpl_sees(light, candidate.to * frame, length(candidate.to), surfel.normal * frame)) return;

@@ -13,22 +13,21 @@ layout(binding = 3) uniform usamplerBuffer vpl_sums;
 void main() {
     uint light = gl_GlobalInvocationID.x;
     if (light >= lamp_pass.vpls) return;
-    Surfaces surfaces = load_surfaces();
     uvec2 taken = texelFetch(vpl_taken, int(light)).xy;
     uint index = taken.x - lamp_pass.base;
     if (taken.y == 0u) {
-        store_vpl(light, vec3(0.0), 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), NOTHING, surfaces);
+        store_vpl(light, vec3(0.0), 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), NOTHING);
         return;
     }
     // Another buffer's points.
     if (taken.x < lamp_pass.base || index >= lamp_pass.count) return;
     Surfel surfel = load_surfel(int(index));
-    Candidate candidate = candidate_of(surfaces, light, surfel);
+    Candidate candidate = candidate_of(light, surfel);
     float sum = float(texelFetch(vpl_sums, int(light)).x) * WEIGHT_UNIT;
     Arriving arriving = NOTHING;
     if (candidate.weight > 0.0) {
         arriving.flux = candidate.intensity * (candidate.facing * sum / candidate.weight);
         arriving.towards = -normalize(candidate.to);
     }
-    store_vpl(light, surfel.position, surfaces.area, surfel.normal, surfel.albedo, arriving, surfaces);
+    store_vpl(light, surfel.position, light_area(), surfel.normal, surfel.color, arriving);
 }

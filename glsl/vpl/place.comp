@@ -35,12 +35,11 @@ bool second(inout float number, float a, float b) {
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= lamp_pass.vpls) return;
-    Surfaces surfaces = load_surfaces();
     uint whole = lamp_pass.side * lamp_pass.light_size;
     uint level = uint(findMSB(whole));
     float total = texelFetch(importance, importance_level(level)).x;
     if (!(total > 0.0)) {
-        store_vpl(index, vec3(0.0), 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), NOTHING, surfaces);
+        store_vpl(index, vec3(0.0), 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), NOTHING);
         return;
     }
     vec2 number = vec2(radical_inverse(index + 1u, 2u), radical_inverse(index + 1u, 3u));
@@ -70,5 +69,5 @@ void main() {
     vec3 from = place.xyz - view.eye;
     float area = share * (view.kind == SUN ? 1.0 : dot(from, from)) / cosine;
     Arriving arriving = Arriving(vec3(0.0), towards, view.strength * share, towards);
-    store_vpl(index, place.xyz, area, normal.xyz, color, arriving, surfaces);
+    store_vpl(index, place.xyz, area, normal.xyz, color, arriving);
 }

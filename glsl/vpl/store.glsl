@@ -10,14 +10,15 @@ struct Arriving {
     vec3 lamp_towards;
 };
 
-void store_vpl(uint index, vec3 position, float area, vec3 normal, vec3 albedo, Arriving arriving, Surfaces surfaces) {
+void store_vpl(uint index, vec3 position, float area, vec3 normal, vec3 color, Arriving arriving) {
     int at = 8 * int(index);
+    Surfaces surfaces = surfaces_of(color);
     // Of a diffuse surface: flux times albedo over pi.
-    vec3 diffuse = (arriving.flux + arriving.lamp_flux) * albedo * (surfaces.diffuse * 0.318309886);
+    vec3 diffuse = (arriving.flux + arriving.lamp_flux) * albedo_of(color) * (surfaces.diffuse * 0.318309886);
     imageStore(vpl_out, at, vec4(position, area));
-    imageStore(vpl_out, at + 1, vec4(normal, 0.0));
-    imageStore(vpl_out, at + 2, vec4(diffuse, 0.0));
-    imageStore(vpl_out, at + 3, vec4(albedo, 0.0));
+    imageStore(vpl_out, at + 1, vec4(normal, surfaces.specular));
+    imageStore(vpl_out, at + 2, vec4(diffuse, surfaces.shininess));
+    imageStore(vpl_out, at + 3, vec4(color, 0.0));
     imageStore(vpl_out, at + 4, vec4(arriving.flux, 0.0));
     imageStore(vpl_out, at + 5, vec4(arriving.towards, 0.0));
     imageStore(vpl_out, at + 6, vec4(arriving.lamp_flux, 0.0));

@@ -18,7 +18,7 @@ struct Candidate {
     float facing;   // cosine at the point times its area over the squared distance
 };
 
-Candidate candidate_of(Surfaces surfaces, uint light, Surfel surfel) {
+Candidate candidate_of(uint light, Surfel surfel) {
     Vpl from = load_vpl(light);
     Candidate candidate = Candidate(surfel.position - from.position, vec3(0.0), 0.0, 0.0);
     float distance2 = dot(candidate.to, candidate.to);
@@ -28,10 +28,10 @@ Candidate candidate_of(Surfaces surfaces, uint light, Surfel surfel) {
     float cosine = dot(from.normal, direction), at_point = -dot(surfel.normal, direction);
     if (cosine <= 0.0 || at_point <= 0.0) return candidate;
     candidate.intensity = from.diffuse;
-    if (GLOSSY) candidate.intensity += glossy_intensity(surfaces, light, from.normal, direction);
+    if (GLOSSY) candidate.intensity += glossy_intensity(light, from.normal, direction);
     candidate.intensity *= cosine;
     float side = surfel.spacing * lamp_pass.spread;
     candidate.facing = at_point * side * side / (distance2 + near_bound(from));
-    candidate.weight = luminance(candidate.intensity) / flux * candidate.facing * reflectance(surfaces, surfel.albedo);
+    candidate.weight = luminance(candidate.intensity) / flux * candidate.facing * reflectance(surfel.color);
     return candidate;
 }

@@ -51,7 +51,7 @@ enum Verb {
     /// Project a light probe to spherical harmonics
     Project(project::Args),
     /// Open the viewer
-    View(view::Args),
+    View(Box<view::Args>),
     /// Compare an image with a reference
     Compare(compare::Args),
     /// Hold a step against the truth

@@ -54,7 +54,8 @@ pub(super) fn expanded(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
 
 /// Lamps, and how their light is found.
 fn lamp_flags(choice: &LampChoice) -> Vec<(&'static str, OsString)> {
-    let LampChoice { lamps, bounces, vpls, interleave, ism_size, ism_fill, scan_light } = choice;
+    let LampChoice { lamps, bounces, vpls, interleave, ism_size, ism_fill, surfaces, brushes, albedo, scan_light } =
+        choice;
     let mut flags: Vec<(&str, String)> = lamps.iter().map(|lamp| ("--lamp", lamp.to_string())).collect();
     flags.extend([
         ("--bounces", bounces.to_string()),
@@ -62,7 +63,10 @@ fn lamp_flags(choice: &LampChoice) -> Vec<(&'static str, OsString)> {
         ("--interleave", interleave.to_string()),
         ("--ism-size", ism_size.to_string()),
         ("--ism-fill", ism_fill.to_string()),
+        ("--surfaces", surfaces.to_string()),
+        ("--albedo-from", albedo.to_string()),
     ]);
+    flags.extend(brushes.iter().map(|brush| ("--brush", brush.to_string())));
     flags.extend(scan_light.map(|share| ("--scan-light", share.to_string())));
     flags.into_iter().map(|(flag, value)| (flag, value.into())).collect()
 }

@@ -99,6 +99,15 @@ pub struct LampTable {
     /// Steps of pull and push that fill its holes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ism_fill: Option<u32>,
+    /// What the scan is made of, as `--surfaces` takes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<String>,
+    /// What colours are made of, as `--brush` takes it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub brushes: Vec<String>,
+    /// `colour` or `constant:V`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub albedo_from: Option<String>,
     /// Share of the scan's own light that stays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scan_light: Option<f64>,

@@ -18,7 +18,7 @@ use crate::passes::ism::IsmPass;
 use crate::passes::lamp_cloud::LampCloudPass;
 use crate::passes::lamp_light::LampLightPass;
 use crate::passes::lamp_object::{LampObjectPass, LampObjectTargets};
-use crate::passes::lamp_view::{LampPass, LampView, LampViewPass};
+use crate::passes::lamp_view::{LampPass, LampView, LampViewPass, Materials};
 use crate::passes::points::PointView;
 use crate::passes::surfel_view::SurfelViewPass;
 use crate::passes::vpl::{LitPoints, VplBuffers, VplPass};
@@ -27,10 +27,10 @@ use crate::preprocess::point_chunks::{PackedPoint, PackedSurfel, PointChunks, pa
 use crate::scene::{Camera, Lamp, Object, Vertex};
 use crate::{Error, Result};
 
-pub use crate::passes::lamp_view::Surfaces;
+pub use crate::scene::surfaces::{AlbedoFrom, Brush, Surfaces};
 
 /// Everything that the picture of a lit cloud depends on besides cloud, camera and lamps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LampSettings {
     /// Width, pixels.
     pub width: u32,
@@ -52,8 +52,12 @@ pub struct LampSettings {
     pub light_size: u32,
     /// Most points that views of lamps and camera are made of; fewer are a thinner cloud.
     pub most_points: Option<u64>,
-    /// What all surfaces are made of.
+    /// What surfaces are made of that no brush is about.
     pub surfaces: Surfaces,
+    /// What surfaces of chosen colours are made of; the first that fits wins, at most [`Brush::MOST`].
+    pub brushes: Vec<Brush>,
+    /// Where the albedos of points come from.
+    pub albedo: AlbedoFrom,
     /// Most bytes of device objects.
     pub memory_budget: u64,
 }
@@ -72,6 +76,8 @@ impl Default for LampSettings {
             light_size: 512,
             most_points: None,
             surfaces: Surfaces::default(),
+            brushes: Vec::new(),
+            albedo: AlbedoFrom::default(),
             memory_budget: super::Settings::DEFAULT_BUDGET,
         }
     }
@@ -93,6 +99,15 @@ impl LampSettings {
         let [width, height, vpls, ism_size, light] =
             [self.width, self.height, self.vpls, self.ism_size, self.light_size].map(u64::from);
         width * height * 7 * 16 + light * light * 6 * 16 + vpls * ism_size * ism_size * 16 / 3
+    }
+
+    fn materials(&self) -> Materials<'_> {
+        Materials { surfaces: self.surfaces, brushes: &self.brushes, albedo: self.albedo }
+    }
+
+    /// Whether any surface has a mirror's lobe.
+    fn glossy(&self) -> bool {
+        self.surfaces.specular > 0.0 || self.brushes.iter().any(|brush| brush.surfaces.specular > 0.0)
     }
 
     /// [`Error::Limit`] where objects of that size do not fit the budget.
@@ -117,8 +132,7 @@ impl LampSettings {
     /// # Errors
     /// [`Error::Argument`] about the first setting that does not.
     pub fn check(&self) -> Result<()> {
-        let Self { bounces, vpls, interleave, ism_size, light_size, surfaces, .. } = *self;
-        let share = |value: f32| (0.0..=1.0).contains(&value);
+        let Self { bounces, vpls, interleave, ism_size, light_size, .. } = *self;
         let problem = if !Self::BOUNCES.contains(&bounces) {
             format!("{bounces} bounces of light; at most {}", Self::BOUNCES.end())
         } else if !Self::VPLS.contains(&vpls) || vpls % 16 != 0 {
@@ -131,13 +145,10 @@ impl LampSettings {
             format!("shadow maps of {ism_size} texels a side; a power of two from {low} to {high}")
         } else if !(16..=2048).contains(&light_size) || !light_size.is_power_of_two() {
             format!("views of lamps of {light_size} pixels a side; a power of two from 16 to 2048")
-        } else if !(share(surfaces.diffuse) && share(surfaces.specular) && surfaces.diffuse + surfaces.specular <= 1.0)
-        {
-            "surfaces that reflect more light than they get, or less than none".to_owned()
-        } else if !(1.0..=10_000.0).contains(&surfaces.shininess) {
-            format!("a shininess of {}; it is 1 to 10000", surfaces.shininess)
         } else {
-            return Ok(());
+            let materials = self.surfaces.check().map_err(|problem| format!("surfaces: {problem}"));
+            let materials = materials.and_then(|()| Brush::check_all(&self.brushes)).and_then(|()| self.albedo.check());
+            return materials.map_err(Error::Argument);
         };
         Err(Error::Argument(problem))
     }
@@ -360,11 +371,11 @@ impl LampRenderer {
         let lamp = camera.beside(settings.light_size, settings.light_size)?;
         Ok(Self {
             context: self.context.clone(),
+            lights: VplBuffers::new(&self.context, settings.vpls)?,
             settings,
             camera,
             lamp,
             surfels: self.surfels.clone(),
-            lights: VplBuffers::new(&self.context, settings.vpls)?,
             chosen: self.chosen.clone(),
             object: None,
             passes: None,
@@ -400,7 +411,7 @@ impl LampRenderer {
         if (width, height) == (self.settings.width, self.settings.height) {
             return Ok(());
         }
-        let settings = LampSettings { width, height, ..self.settings };
+        let settings = LampSettings { width, height, ..self.settings.clone() };
         settings.check_budget()?;
         self.camera.resize(width, height)?;
         self.settings = settings;
@@ -409,8 +420,9 @@ impl LampRenderer {
         let points = self.lit_points();
         passes.camera_surface.bind(self.camera.images(), &points)?;
         passes.light.bind((&passes.camera_surface, width, height), &self.lights, (&passes.views, &passes.ism))?;
-        if let Some(object) = self.object.as_mut().filter(|object| !object.targets.hold(region(&settings))) {
-            object.targets = LampObjectTargets::new(&self.context, settings.light_size, region(&settings))?;
+        if let Some(object) = self.object.as_mut().filter(|object| !object.targets.hold(region(&self.settings))) {
+            let size = region(&self.settings);
+            object.targets = LampObjectTargets::new(&self.context, self.settings.light_size, size)?;
             let pass = LampObjectPass::new(&self.context, &passes.views, &object.targets, object.material)?;
             passes.object = Some(pass);
         }
@@ -610,7 +622,7 @@ impl LampRenderer {
             return Ok(pass);
         }
         (self.drawn, self.mapped) = (None, false);
-        passes.views.set_up(&views, self.settings.surfaces, self.area / vpls as f32, light_size)?;
+        passes.views.set_up(&views, self.settings.materials(), self.area / vpls as f32, light_size)?;
         let mut recorder = Recorder::new(&self.context)?;
         passes.views.clear(&mut recorder);
         recorder.finish(profile)?;
@@ -706,8 +718,8 @@ impl LampRenderer {
             return Ok(());
         }
         (self.passes, self.drawn) = (None, None);
-        let LampSettings { vpls, light_size, ism_size, ism_fill, surfaces, .. } = self.settings;
-        let (context, lights, glossy) = (&self.context, &self.lights, surfaces.specular > 0.0);
+        let LampSettings { vpls, light_size, ism_size, ism_fill, .. } = self.settings;
+        let (context, lights, glossy) = (&self.context, &self.lights, self.settings.glossy());
         let points = self.lit_points();
         let lamp_surface = SurfelViewPass::new(context, self.lamp.images(), &points)?;
         let camera_surface = SurfelViewPass::new(context, self.camera.images(), &points)?;

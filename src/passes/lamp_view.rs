@@ -10,7 +10,7 @@ use super::operator::Operator;
 use super::surfel_view::SurfelViewPass;
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Context, Recorder};
-use crate::scene::{Camera, Lamp, LampKind};
+use crate::scene::{AlbedoFrom, Brush, Camera, Lamp, LampKind, Surfaces};
 
 /// Push constants of all lamp passes (`glsl/shared/lamp_pass.glsl`).
 #[repr(C)]
@@ -101,20 +101,35 @@ fn focal(camera: &Camera, height: u32) -> f32 {
     0.5 * height as f32 / (0.5 * camera.fov_y).tan()
 }
 
-/// How all surfaces reflect: scans carry no material.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surfaces {
-    /// Share of the colour that is reflected diffusely, 0 to 1.
-    pub diffuse: f32,
-    /// Share of the light that is reflected around the mirror's direction, 0 to 1.
-    pub specular: f32,
-    /// Exponent of that lobe (Phong).
-    pub shininess: f32,
+/// What the surfaces of a cloud are made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Materials<'a> {
+    /// Where no brush fits.
+    pub surfaces: Surfaces,
+    /// By colour; the first that fits wins.
+    pub brushes: &'a [Brush],
+    /// Where albedos come from.
+    pub albedo: AlbedoFrom,
 }
 
-impl Default for Surfaces {
-    fn default() -> Self {
-        Self { diffuse: 1.0, specular: 0.0, shininess: 32.0 }
+impl Materials<'_> {
+    /// Texels of any number of brushes.
+    const TEXELS: usize = 2 + 3 * Brush::MOST;
+
+    /// As `glsl/common/lamp_setup.glsl` reads them; `area` is what each virtual point light has of the cloud.
+    fn texels(&self, area: f32) -> Vec<[f32; 4]> {
+        let Surfaces { diffuse, specular, shininess } = self.surfaces;
+        let constant = match self.albedo {
+            AlbedoFrom::Colour => 0.0,
+            AlbedoFrom::Constant(albedo) => albedo,
+        };
+        let mut texels = vec![[area, constant, self.brushes.len() as f32, 0.0], [diffuse, specular, shininess, 0.0]];
+        for Brush { from, to, surfaces: Surfaces { diffuse, specular, shininess } } in self.brushes {
+            let (from, to) = (from.extend(0.0).into(), to.extend(0.0).into());
+            texels.extend([from, to, [*diffuse, *specular, *shininess, 0.0]]);
+        }
+        texels.resize(Self::TEXELS, [0.0; 4]);
+        texels
     }
 }
 
@@ -198,7 +213,12 @@ impl LampViewPass {
         let buffer = |name| Buffer::with_texels(context, name, texels * 16, four);
         let (places, normals, colors) = (buffer("lamp places")?, buffer("lamp normals")?, buffer("lamp colours")?);
         let importance = Buffer::with_texels(context, "importance", texels.div_ceil(3) * 16, vk::Format::R32_SFLOAT)?;
-        let setup = Buffer::with_texels(context, "lamp setup", u64::from(1 + 5 * side * side) * 16, four)?;
+        let setup = Buffer::with_texels(
+            context,
+            "lamp setup",
+            (Materials::TEXELS as u64 + 5 * u64::from(side * side)) * 16,
+            four,
+        )?;
         let bindings = Bindings::new()
             .buffer("lamp_setup", &setup)
             .and(surface.bindings())
@@ -227,12 +247,13 @@ impl LampViewPass {
         Bindings::new().buffer("lamp_places_out", &self.places).buffer("importance_out", &self.importance)
     }
 
-    /// Tells the device about the views; `area` is what each virtual point light has of the cloud, square metres.
+    /// Tells the device about the views and materials; `area` is what each virtual point light has of the cloud, square
+    /// metres.
     ///
     /// # Errors
     /// When a Vulkan call fails.
-    pub fn set_up(&self, views: &[LampView], surfaces: Surfaces, area: f32, size: u32) -> Result<()> {
-        let mut texels = vec![[surfaces.diffuse, surfaces.specular, surfaces.shininess, area]];
+    pub fn set_up(&self, views: &[LampView], materials: Materials<'_>, area: f32, size: u32) -> Result<()> {
+        let mut texels = materials.texels(area);
         texels.extend(views.iter().flat_map(|view| view.texels(size)));
         self.setup.upload(bytemuck::cast_slice(&texels))
     }

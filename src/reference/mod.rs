@@ -6,6 +6,7 @@
 
 pub mod bake;
 mod bvh;
+pub mod caustics;
 pub mod cut;
 mod emitters;
 pub mod gather;

@@ -1,4 +1,4 @@
-//! What exists in the world: clouds, objects, cameras, far fields, lamps, pictures, places; and spherical harmonics, as which
+//! What exists in the world: clouds, objects, cameras, far fields, lamps, materials, pictures, places; and spherical harmonics, as which
 //! light and what objects do with it are described.
 
 pub mod camera;
@@ -9,6 +9,7 @@ pub mod lamp;
 pub mod object;
 pub mod picture;
 pub mod placement;
+pub mod surfaces;
 
 pub use camera::Camera;
 pub use cloud::Cloud;
@@ -17,3 +18,4 @@ pub use lamp::{Lamp, LampKind};
 pub use object::{Material, Object, Primitive, Texture, TextureRef, Vertex};
 pub use picture::Picture;
 pub use placement::{Placement, Viewpoint};
+pub use surfaces::{AlbedoFrom, Brush, Surfaces};

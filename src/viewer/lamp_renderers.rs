@@ -83,12 +83,15 @@ pub(super) struct Lit<'a> {
     pub(super) shot: &'a Shot<'a>,
 }
 
+/// What a picture of the lit scan depends on: camera, size and light.
+type Shown = (Camera, [u32; 2], Light);
+
 /// The renderers of moving and of still pictures, which share the points.
 #[derive(Default)]
 pub(super) struct LampRenderers {
     slots: [Option<Slot>; 2],
     /// The last picture, and what it shows.
-    frame: Option<((Camera, [u32; 2], Light), LampFrame)>,
+    frame: Option<(Shown, LampFrame)>,
 }
 
 struct Slot {
@@ -149,14 +152,14 @@ impl LampRenderers {
         let [quick, own] = &mut self.slots;
         let (slot, other) = if light.own { (own, quick) } else { (quick, own) };
         let suits =
-            |have: &LampSettings| LampSettings { width: wanted.width, height: wanted.height, ..*have } == wanted;
+            |have: &LampSettings| LampSettings { width: wanted.width, height: wanted.height, ..have.clone() } == wanted;
         // One that fails on the way is not kept.
         let known = slot.take().filter(|slot| suits(slot.renderer.settings()));
         let mut next = match (known, other) {
             (Some(known), _) => known,
-            (None, Some(Slot { renderer, .. })) => Slot { renderer: renderer.beside(wanted)?, object: None },
+            (None, Some(Slot { renderer, .. })) => Slot { renderer: renderer.beside(wanted.clone())?, object: None },
             (None, None) => {
-                let mut renderer = LampRenderer::new(context, chunks, wanted)?;
+                let mut renderer = LampRenderer::new(context, chunks, wanted.clone())?;
                 renderer.choose_leaves(hierarchy)?;
                 Slot { renderer, object: None }
             }

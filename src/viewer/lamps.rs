@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::Error;
 use crate::formats::scene_file::LampTable;
 use crate::frames::Method;
-use crate::frames::lamps::LampSettings;
+use crate::frames::lamps::{AlbedoFrom, Brush, LampSettings, Surfaces};
 use crate::scene::Lamp;
 
 /// Lamps that are not in the scan, and how their light is found in still pictures.
@@ -23,14 +23,22 @@ pub struct LampChoice {
     pub ism_size: u32,
     /// Steps that fill a map's holes.
     pub ism_fill: u32,
+    /// What the scan's surfaces are made of.
+    pub surfaces: Surfaces,
+    /// ... those of some colours.
+    pub brushes: Vec<Brush>,
+    /// Where the points' albedo comes from.
+    pub albedo: AlbedoFrom,
     /// Share of the scan's own light that stays; by technique for `None` ([`LampChoice::share`]).
     pub scan_light: Option<f64>,
 }
 
 impl Default for LampChoice {
     fn default() -> Self {
-        let LampSettings { bounces, vpls, interleave, ism_size, ism_fill, .. } = LampSettings::default();
-        Self { lamps: Vec::new(), bounces, vpls, interleave, ism_size, ism_fill, scan_light: None }
+        let LampSettings { bounces, vpls, interleave, ism_size, ism_fill, surfaces, brushes, albedo, .. } =
+            LampSettings::default();
+        let (lamps, scan_light) = (Vec::new(), None);
+        Self { lamps, bounces, vpls, interleave, ism_size, ism_fill, surfaces, brushes, albedo, scan_light }
     }
 }
 
@@ -42,8 +50,19 @@ impl LampChoice {
 
     /// Settings of pictures, but for their size.
     pub fn settings(&self) -> LampSettings {
-        let Self { bounces, vpls, interleave, ism_size, ism_fill, .. } = *self;
-        LampSettings { bounces, vpls, interleave, ism_size, ism_fill, ..LampSettings::default() }
+        let Self { bounces, vpls, interleave, ism_size, ism_fill, surfaces, albedo, .. } = *self;
+        let brushes = self.brushes.clone();
+        LampSettings {
+            bounces,
+            vpls,
+            interleave,
+            ism_size,
+            ism_fill,
+            surfaces,
+            brushes,
+            albedo,
+            ..LampSettings::default()
+        }
     }
 
     /// Share of the scan's own light that stays: all of it unless something else is said, but none where the lamps' light is
@@ -78,6 +97,17 @@ impl LampChoice {
             *own = value;
             check(key, value)?;
         }
+        if let Some(text) = &table.surfaces {
+            choice.surfaces = text.parse().map_err(|problem| format!("lamps.surfaces: {problem}"))?;
+        }
+        for (text, number) in table.brushes.iter().zip(1..) {
+            let brush = text.parse().map_err(|problem| format!("lamps.brushes, entry {number}: {problem}"))?;
+            choice.brushes.push(brush);
+        }
+        Brush::check_all(&choice.brushes).map_err(|problem| format!("lamps.brushes: {problem}"))?;
+        if let Some(text) = &table.albedo_from {
+            choice.albedo = text.parse().map_err(|problem| format!("lamps.albedo_from: {problem}"))?;
+        }
         if let Some(share) = table.scan_light.filter(|share| !Self::SCAN_LIGHT.contains(share)) {
             return Err(format!("lamps.scan_light is {share}, which is no share of light"));
         }
@@ -97,6 +127,9 @@ impl LampChoice {
             interleave: Some(self.interleave),
             ism_size: Some(self.ism_size),
             ism_fill: Some(self.ism_fill),
+            surfaces: Some(self.surfaces.to_string()),
+            brushes: self.brushes.iter().map(Brush::to_string).collect(),
+            albedo_from: Some(self.albedo.to_string()),
             scan_light: self.scan_light,
         }
     }

@@ -1,17 +1,16 @@
 //! `relume bench lamps`: Figures 10 and 11 of Preiner 2010 as tables, frame time over bounces, lights, interleaving and
-//! the size of shadow maps; and Figures 9 and 12 as contact sheets.
+//! the size of shadow maps.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::Vec3;
 use serde::Serialize;
 
+use super::lamp_bridge::{self, Bridge};
 use super::median;
 use crate::cli::output::say;
 use crate::cli::{progress, render, values};
-use crate::compare::{Image, Tile, contact_sheet, to_srgb8};
-use crate::formats::image::write_png;
 use crate::frames::lamps::{LampFrame, LampRenderer, LampSettings};
 use crate::gpu::{Context, ContextOptions, Profile};
 use crate::preprocess::point_chunks::PointChunks;
@@ -31,9 +30,6 @@ pub(in crate::cli) struct Args {
     /// The numbers
     #[arg(long, value_name = "FILE.json")]
     json: Option<PathBuf>,
-    /// A contact sheet of 1 to 4 bounces, interleaved and not: the paper's Figures 9 and 12
-    #[arg(long, value_name = "FILE.png")]
-    sheet: Option<PathBuf>,
 }
 
 /// Frames of which the median is taken, after one that warms up.
@@ -71,29 +67,28 @@ struct Report<'a> {
     width: u32,
     height: u32,
     rows: &'a [Row],
+    /// Lamps for an object.
+    bridge: Bridge,
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(json) = &args.json {
         values::check_output(json, &["json"])?;
     }
-    if let Some(sheet) = &args.sheet {
-        values::check_output(sheet, &["png"])?;
-    }
     let context = Context::new(&ContextOptions::default())?;
     let (width, height) = args.size;
     say!("{}; {width}x{height}, the Cornell box, a spot; medians of {FRAMES} frames, ms\n", context.capabilities.name)?;
     let base = LampSettings { width, height, memory_budget: BUDGET, ..LampSettings::default() };
     // One thing after the other changes. A round over the points whatever the number of maps, as in the paper.
-    let once = LampSettings { ism_points: 1, ..base };
+    let once = LampSettings { ism_points: 1, ..base.clone() };
     let mut wanted = Vec::new();
-    wanted.extend([1, 2, 3, 4].map(|bounces| LampSettings { bounces, ..once }));
-    wanted.extend([64, 1024].map(|vpls| LampSettings { vpls, ..once }));
-    wanted.extend([1, 4].map(|interleave| LampSettings { interleave, ..once }));
-    wanted.extend([16, 64].map(|ism_size| LampSettings { ism_size, ..once }));
+    wanted.extend([1, 2, 3, 4].map(|bounces| LampSettings { bounces, ..once.clone() }));
+    wanted.extend([64, 1024].map(|vpls| LampSettings { vpls, ..once.clone() }));
+    wanted.extend([1, 4].map(|interleave| LampSettings { interleave, ..once.clone() }));
+    wanted.extend([16, 64].map(|ism_size| LampSettings { ism_size, ..once.clone() }));
     // An atlas of the same size, shared by few lights or by many: the paper's maps take the same time then.
-    wanted.extend([(1024, 32), (4096, 16)].map(|(vpls, ism_size)| LampSettings { vpls, ism_size, ..once }));
-    wanted.push(base);
+    wanted.extend([(1024, 32), (4096, 16)].map(|(vpls, ism_size)| LampSettings { vpls, ism_size, ..once.clone() }));
+    wanted.push(base.clone());
     let sizes: &[usize] = if args.quick { &[1_000_000] } else { &[1_000_000, 5_000_000] };
     let bar = progress::bar("measuring", (sizes.len() * wanted.len()) as u64);
     let lamp: Lamp = LAMP.parse().map_err(Error::Argument)?;
@@ -101,11 +96,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for points in sizes {
         let chunks = scan(*points)?;
         for settings in &wanted {
-            rows.push(measure(&context, &chunks, *settings, &lamp)?);
+            rows.push(measure(&context, &chunks, settings, &lamp)?);
             bar.inc(1);
-        }
-        if let Some(path) = args.sheet.as_ref().filter(|_| *points == sizes[0]) {
-            sheet(&context, &chunks, base, &lamp, path)?;
         }
     }
     bar.finish_and_clear();
@@ -141,8 +133,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
             row.bounce_over_geometry
         )?;
     }
+    let bridge = lamp_bridge::measure(&context, &lamp, base)?;
+    bridge.print()?;
     if let Some(path) = &args.json {
-        render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows })?;
+        render::write_json(path, &Report { device: &context.capabilities.name, width, height, rows: &rows, bridge })?;
     }
     Ok(())
 }
@@ -152,7 +146,7 @@ fn scan(points: usize) -> Result<Arc<PointChunks>> {
 }
 
 /// Medians over frames.
-fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSettings, lamp: &Lamp) -> Result<Row> {
+fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: &LampSettings, lamp: &Lamp) -> Result<Row> {
     const MAPS: [&str; 3] = ["clear shadow maps", "shadow maps", "fill shadow maps"];
     const NEXT: [&str; 3] = ["clear candidates", "candidates", "next lights"];
     const LIGHT: [&str; 7] = [
@@ -164,7 +158,7 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSett
         "gather lights",
         "compose light",
     ];
-    let mut renderer = LampRenderer::new(context, chunks, settings)?;
+    let mut renderer = LampRenderer::new(context, chunks, settings.clone())?;
     let mut frames: Vec<LampFrame> = Vec::new();
     for frame in 0..=FRAMES {
         let frame_of = renderer.render(&CAMERA, std::slice::from_ref(lamp))?;
@@ -199,29 +193,4 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: LampSett
         redistribute_ms,
         bounce_over_geometry: bounce / geometry_ms,
     })
-}
-
-/// Pictures of 1 to 4 bounces, not interleaved and by 4 x 4 pixels.
-fn sheet(
-    context: &Arc<Context>,
-    chunks: &Arc<PointChunks>,
-    base: LampSettings,
-    lamp: &Lamp,
-    path: &Path,
-) -> Result<()> {
-    let mut tiles = Vec::new();
-    for (interleave, bounces) in [1, 4].into_iter().flat_map(|interleave| (1..=4).map(move |b| (interleave, b))) {
-        let settings = LampSettings { interleave, bounces, ..base };
-        let frame = LampRenderer::new(context, chunks, settings)?.render(&CAMERA, std::slice::from_ref(lamp))?;
-        let rgb = frame.color_depth.iter().map(|[r, g, b, _]| Vec3::new(*r, *g, *b)).collect();
-        tiles.push(Tile {
-            // A stop darker, for what the lamp shines at.
-            image: to_srgb8(&Image::opaque(frame.width, frame.height, rgb)?, -1.0)?,
-            title: format!("{bounces} bounces"),
-            caption: format!("interleaved {interleave}x{interleave}, {:.0} ms", frame.wall_ms),
-        });
-    }
-    let title = format!("Preiner 2010, Figures 9 and 12: {} lights", base.vpls);
-    let image = contact_sheet(&title, 4, &tiles)?;
-    write_png(path, image.width(), image.height(), &image)
 }

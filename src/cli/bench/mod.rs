@@ -1,5 +1,6 @@
 //! `relume bench`: measurements.
 
+mod lamp_bridge;
 mod lamps;
 mod microbuffers;
 mod pbgi;
@@ -22,7 +23,7 @@ pub(super) enum Verb {
     Points(points::Args),
     /// Projection, streams and transfer of light probes: Hajisharif et al. 2012, Tables 1 and 2
     Probes(probes::Args),
-    /// A cloud in the light of a lamp, over bounces, lights and maps: Preiner 2010, Figures 9 to 12
+    /// A cloud in the light of a lamp, over bounces, lights and maps: Preiner 2010, Figures 10 and 11
     Lamps(lamps::Args),
 }
 

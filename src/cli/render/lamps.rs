@@ -92,7 +92,7 @@ pub(super) fn run(args: &Args, context: &Arc<Context>, path: &Path, mut clock: C
     let settings = settings(args);
     let share = args.lamps.scan_light.unwrap_or(0.0) as f32;
     let bar = progress::spinner("lighting");
-    let mut renderer = clock.time("upload and pipelines", || LampRenderer::new(context, &chunks, settings))?;
+    let mut renderer = clock.time("upload and pipelines", || LampRenderer::new(context, &chunks, settings.clone()))?;
     let frame = renderer.render(&camera, &lamps)?;
     let (surface, irradiance) = (renderer.surface()?, renderer.irradiance()?);
     bar.finish_and_clear();
@@ -224,7 +224,9 @@ pub(super) fn check(args: &Args, method: Method) -> Result<()> {
         return refuse("--lamp lights a cloud, which technique probes has none of");
     }
     if !lit && args.lamps.any_setting() {
-        return refuse("--vpls, --interleave, --ism-size, --ism-fill and --scan-light need --lamp LAMP");
+        return refuse(
+            "--vpls, --interleave, --ism-size, --ism-fill, --surfaces, --brush, --albedo-from and --scan-light need --lamp LAMP",
+        );
     }
     Ok(())
 }
