@@ -4,10 +4,12 @@ mod common;
 
 use std::f32::consts::PI;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use common::Device;
 use glam::{Vec3, vec3};
 use rayon::prelude::*;
+use relume::Error;
 use relume::compare::luminance;
 use relume::frames::lamps::{LampRenderer, LampSettings};
 use relume::frames::{Frame, MaterialChoice, Renderer, Settings};
@@ -274,4 +276,34 @@ fn a_lamp_that_is_put_out_leaves_the_bytes_of_the_unlit_picture() {
         assert!(picture(&mut renderer).rgba == unlit.rgba, "{text}: not what it was");
     }
     assert!(renderer.relight(&Dark::new(1000).hierarchy, None).is_err());
+}
+
+#[test]
+fn a_renderer_that_is_lent_or_resized_or_stopped_lights_as_a_new_one_does() {
+    let device = Device::new();
+    let room = Dark::new(60_000);
+    let lamps = [lamp(AT_RED), lamp("point at=0.8,2,1 power=20")];
+    // Maps of one bounce are used again, those of several are not.
+    for bounces in [1, 2] {
+        let of_size = |width, height| LampSettings { width, height, vpls: 128, ..settings(bounces) };
+        let picture = |renderer: &mut LampRenderer| renderer.render(&camera(), &lamps).expect("a picture").color_depth;
+        let light = |renderer: &mut LampRenderer| renderer.light(&lamps).expect("light").radiance;
+        let mut new = room.lamps(&device, of_size(40, 30));
+        let (expected, expected_light) = (picture(&mut new), light(&mut room.lamps(&device, of_size(40, 30))));
+        assert!(expected.iter().any(|[r, ..]| *r > 0.1));
+        let mut first = room.lamps(&device, of_size(70, 20));
+        assert!(light(&mut first) == expected_light);
+        first.resize(40, 30).expect("a size");
+        assert!(picture(&mut first) == expected, "{bounces} bounces: at another size, after other work");
+        let mut lent = first.beside(of_size(40, 30)).expect("a renderer");
+        lent.stop_when(Some(Arc::new(AtomicBool::new(true))));
+        assert!(matches!(lent.render(&camera(), &lamps), Err(Error::Stopped)));
+        lent.stop_when(None);
+        assert!(picture(&mut lent) == expected && light(&mut lent) == expected_light, "{bounces} bounces: lent points");
+        lent.resize(90, 50).expect("a size");
+        let other = [lamp("point at=0.8,2,1 power=5")];
+        assert!(lent.render(&camera(), &other).expect("a picture").color_depth.len() == 90 * 50);
+        lent.resize(40, 30).expect("a size");
+        assert!(picture(&mut lent) == expected && picture(&mut lent) == expected, "{bounces} bounces: again");
+    }
 }

@@ -6,14 +6,15 @@
 layout(local_size_x = 64) in;
 
 layout(binding = 2) uniform samplerBuffer shaded_in; // colour, depth
-layout(binding = 3, r32ui) uniform writeonly uimageBuffer surfel_sides_out;
+layout(binding = 3, r32ui) uniform writeonly uimageBuffer surfel_sides_out; // those of all pixels, then the edges
 
 #include "surfel_view/same_surface.glsl"
 #include "surfel_view/surfel_sides.glsl"
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
-    if (index >= point_view.width * point_view.height) return;
+    uint pixels = point_view.width * point_view.height;
+    if (index >= pixels) return;
     ivec2 at = ivec2(index % point_view.width, index / point_view.width);
     ivec2 last = ivec2(point_view.width, point_view.height) - 1;
     float front = texelFetch(shaded_in, int(index)).w;
@@ -24,5 +25,7 @@ void main() {
         float depth = texelFetch(shaded_in, beside.y * int(point_view.width) + beside.x).w;
         if (depth == 0.0 || depth > most) edge = true;
     }
-    imageStore(surfel_sides_out, int(index), uvec4(edge && front > 0.0 ? 0u : ALL_SIDES));
+    edge = edge && front > 0.0;
+    imageStore(surfel_sides_out, int(index), uvec4(edge ? 0u : ALL_SIDES));
+    imageStore(surfel_sides_out, int(pixels + index), uvec4(edge ? 1u : 0u));
 }

@@ -13,7 +13,7 @@ layout(local_size_x = 128) in;
 
 layout(binding = 2) uniform samplerBuffer shaded_in; // colour, depth
 layout(std430, binding = 3) buffer SurfelKeys { uint64_t surfel_keys[]; }; // front, behind
-layout(std430, binding = 4) buffer SurfelSides { uint surfel_sides[]; };
+layout(std430, binding = 4) buffer SurfelSides { uint surfel_sides[]; }; // of all pixels, then the edges
 
 #include "surfel_view/same_surface.glsl"
 #include "surfel_view/surfel_sides.glsl"
@@ -50,7 +50,8 @@ void main() {
     if (low.x > high.x) return;
     for (ivec2 pixel = low; pixel.y <= high.y;) {
         uint slot = uint(pixel.y) * point_view.width + uint(pixel.x);
-        bool edge = surfel_sides[slot] != ALL_SIDES;
+        // The sides themselves fill up as points come in, in whatever order that is.
+        bool edge = surfel_sides[point_view.width * point_view.height + slot] != 0u;
         vec2 off = at - vec2(pixel) - 0.5;
         float distance2 = dot(off, off);
         if (pixel == own || edge && distance2 <= reach * reach) {

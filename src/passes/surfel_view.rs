@@ -41,7 +41,7 @@ impl SurfelImages {
             surface: Buffer::with_texels(context, "surface", pixels * 16, four)?,
             normals: Buffer::with_texels(context, "surface normals", pixels * 16, four)?,
             keys: Buffer::with_texels(context, "surfel keys", pixels * 16, vk::Format::R32G32_UINT)?,
-            sides: Buffer::with_texels(context, "surfel sides", pixels * 4, vk::Format::R32_UINT)?,
+            sides: Buffer::with_texels(context, "surfel sides", pixels * 8, vk::Format::R32_UINT)?,
         })
     }
 
