@@ -32,7 +32,7 @@ impl Controller {
             "toml" => {
                 let state = ViewState::read(path)?;
                 self.undo = Some(std::mem::replace(&mut self.state, state));
-                self.scene_path = path.to_owned();
+                (self.scene_path, self.lamp) = (path.to_owned(), 0);
                 self.status = format!("{} is open", path.display());
                 return Ok(());
             }

@@ -6,7 +6,6 @@ use glam::DVec3;
 use super::controller::Controller;
 use super::lamp_control::NewLamp;
 use super::panel::choice;
-use crate::frames::Method;
 use crate::frames::lamps::LampSettings;
 use crate::scene::{Lamp, LampKind};
 
@@ -89,7 +88,7 @@ fn vector(ui: &mut Ui, label: &str, value: &mut DVec3) {
 
 /// How the light of all of them is found.
 fn settings(ui: &mut Ui, controller: &mut Controller) {
-    let method = controller.state.technique.unwrap_or(Method::Probes);
+    let method = controller.state.method(true, true);
     let lamps = &mut controller.state.lamps;
     let before = lamps.clone();
     // What a file says beyond these is kept.
