@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::lamp_bridge::{self, Bridge};
@@ -196,7 +196,9 @@ fn measure(context: &Arc<Context>, chunks: &Arc<PointChunks>, settings: &LampSet
     let mut renderer = LampRenderer::new(context, chunks, settings.clone())?;
     let mut frames: Vec<LampFrame> = Vec::new();
     for frame in 0..=FRAMES {
-        let frame_of = renderer.render(&CAMERA, std::slice::from_ref(lamp))?;
+        // A lamp that moves: what stays as it was is not done again.
+        let moving = lamp.relative_to(DVec3::Y * (1e-4 * frame as f64));
+        let frame_of = renderer.render(&CAMERA, &[moving])?;
         if frame > 0 {
             frames.push(frame_of);
         }
