@@ -33,10 +33,11 @@ float light_area() { return texelFetch(lamp_setup, 0).x; }
 // Scans carry no material: it is a matter of the colour alone.
 vec3 albedo_of(vec3 color) {
     float constant = texelFetch(lamp_setup, 0).y;
-    return constant > 0.0 ? vec3(constant) : color;
+    return constant > 0.0 ? vec3(constant) : min(color, vec3(1.0));
 }
 
 Surfaces surfaces_of(vec3 color) {
+    color = min(color, vec3(1.0));
     int brushes = int(texelFetch(lamp_setup, 0).z), at = 1;
     for (int k = 0; k < brushes && at == 1; ++k) {
         bool fits = all(greaterThanEqual(color, texelFetch(lamp_setup, 2 + 3 * k).rgb))

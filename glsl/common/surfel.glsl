@@ -16,6 +16,5 @@ Surfel load_surfel(int index) {
     vec2 place = unpackSnorm2x16(bits.x);
     vec3 normal = vec3(place, 1.0 - abs(place.x) - abs(place.y));
     if (normal.z < 0.0) normal.xy = (1.0 - abs(place.yx)) * vec2(place.x < 0.0 ? -1.0 : 1.0, place.y < 0.0 ? -1.0 : 1.0);
-    return Surfel(uintBitsToFloat(point.xyz), normalize(normal), min(unpack_rgb9e5(point.w), vec3(1.0)),
-                  uintBitsToFloat(bits.y));
+    return Surfel(uintBitsToFloat(point.xyz), normalize(normal), unpack_rgb9e5(point.w), uintBitsToFloat(bits.y));
 }

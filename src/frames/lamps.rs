@@ -163,6 +163,8 @@ pub struct LampFrame {
     pub height: u32,
     /// Radiance that the lamps' light leaves the surface with, and depth along the view in metres; 0 where nothing is.
     pub color_depth: Vec<[f32; 4]>,
+    /// The cloud's own colour there, and the same depth.
+    pub own: Vec<[f32; 4]>,
     /// Times and counts by pass.
     pub profile: Profile,
     /// Wall time, milliseconds.
@@ -170,14 +172,26 @@ pub struct LampFrame {
 }
 
 impl LampFrame {
-    /// Lights a picture of the same cloud from the same place, of whose own light `share` stays.
+    /// Lights a picture of the same cloud from the same place, of whose own light `share` stays. Its silhouettes become
+    /// those of the lit surface.
     pub fn add_to(&self, points: &mut PointFrame, share: f32) {
+        take_silhouettes(&mut points.color_depth, &self.own);
         points.lit = Some(LitBy { radiance: self.color_depth.clone(), share });
     }
 
     /// Whether any light falls on what is seen.
     pub fn is_lit(&self) -> bool {
         self.color_depth.iter().any(|[r, g, b, _]| r + g + b > 0.0)
+    }
+}
+
+/// Where the surfaces of two pictures lie apart, that of the second.
+fn take_silhouettes(filled: &mut [[f32; 4]], own: &[[f32; 4]]) {
+    const APART: f32 = 0.05;
+    for (filled, own) in filled.iter_mut().zip(own) {
+        if filled[3] > 0.0 && (filled[3] - own[3]).abs() > APART * filled[3] {
+            *filled = *own;
+        }
     }
 }
 
@@ -570,12 +584,14 @@ impl LampRenderer {
         self.draw(Wanted::Picture(camera), lamps, &mut profile)?;
         let LampSettings { width, height, .. } = self.settings;
         let pixels = width as usize * height as usize;
-        let color_depth = match &self.passes {
-            Some(passes) => passes.light.images.lit.download(pixels)?,
-            None => Vec::new(),
+        let (color_depth, own) = match &self.passes {
+            Some(Passes { light, camera_surface, .. }) => {
+                (light.images.lit.download(pixels)?, camera_surface.surface().download(pixels)?)
+            }
+            None => Default::default(),
         };
         let wall_ms = start.elapsed().as_secs_f64() * 1e3;
-        Ok(LampFrame { width, height, color_depth, profile, wall_ms })
+        Ok(LampFrame { width, height, color_depth, own, profile, wall_ms })
     }
 
     /// What the last picture shows.
@@ -585,7 +601,8 @@ impl LampRenderer {
     pub fn surface(&self) -> Result<LampSurface> {
         let pixels = self.settings.width as usize * self.settings.height as usize;
         let Some(passes) = &self.passes else { return Ok(LampSurface::default()) };
-        let color_depth = self.camera.images().shaded.download(pixels)?;
+        let mut color_depth: Vec<[f32; 4]> = self.camera.images().shaded.download(pixels)?;
+        take_silhouettes(&mut color_depth, &passes.camera_surface.surface().download::<[f32; 4]>(pixels)?);
         Ok(LampSurface { color_depth, normal: passes.camera_surface.normals().download(pixels)? })
     }
 

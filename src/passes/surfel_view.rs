@@ -104,6 +104,11 @@ impl SurfelViewPass {
         &self.images.normals
     }
 
+    /// The cloud's own colour, and depth along the view in metres or 0, a pixel.
+    pub fn surface(&self) -> &Buffer {
+        &self.images.surface
+    }
+
     /// The G-buffer under the names that shaders use.
     pub fn bindings(&self) -> Bindings<'_> {
         Bindings::new().buffer("surface", &self.images.surface).buffer("surface_normals", &self.images.normals)
