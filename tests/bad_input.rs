@@ -215,7 +215,8 @@ fn commands_and_flags() {
     place.refuses(&[] as &[&str], &["a command is missing", "--help"]);
     place.refuses(&["bench"], &["--help"]);
     place.refuses(&["paint"], &["'paint'"]);
-    place.refuses(&["render"], &["--object", "--out"]);
+    place.refuses(&["render"], &["--out"]);
+    place.refuses(&["render", "--out", "x.png"], &["--object FILE is missing"]);
     place.refuses(&["build", "cloud.ply"], &["--out"]);
     place.refuses(&["build", "cloud.ply", "--out"], &["--out"]);
     place.refuses(&["info", "--loud"], &["'--loud'"]);
@@ -234,7 +235,7 @@ fn values_of_flags() {
         place.render_refuses(&format!("--microbuffer {microbuffer}"), &["--microbuffer", "8 to 64"]);
     }
     place.render_refuses("--quality best", &["--quality", "draft, normal and high"]);
-    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped, hybrid, shared and probes"]);
+    place.render_refuses("--technique fast", &["--technique", "classic, mipmapped, hybrid, shared, probes and lamps"]);
     for material in ["gold", "diffuse", "diffuse:", "diffuse:2", "diffuse:-1", "metal:0", "metal:NaN", "metal:2"] {
         place.render_refuses(&format!("--material {material}"), &["--material", material]);
     }
