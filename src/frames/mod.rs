@@ -4,6 +4,8 @@
 mod batch;
 pub mod composite;
 mod feedback;
+mod lamp_frames;
+mod lamp_settings;
 pub mod lamps;
 mod pixels;
 mod plan;
