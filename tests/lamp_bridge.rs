@@ -263,12 +263,7 @@ fn a_lamp_that_is_put_out_leaves_the_bytes_of_the_unlit_picture() {
         let lit = picture(&mut renderer);
         assert!(mean(&lit) > 1.02 * mean(&unlit), "{text}");
         // A scene that is uploaded with that light has the same bytes.
-        let anew = Hierarchy {
-            colors: radiance.colors.clone(),
-            radiance_vectors: radiance.radiance_vectors.clone(),
-            brightest_point: radiance.brightest_point,
-            ..place.hierarchy.clone()
-        };
+        let anew = place.hierarchy.clone().with_radiance(radiance);
         let other = Dark { hierarchy: anew, tracer: PathTracer::new(toy_room()).expect("a room"), ..Dark::new(10) };
         assert!(picture(&mut other.object(&device)).rgba == lit.rgba, "{text}: another renderer");
         assert!(lamps.light(&spot).expect("light").radiance == light.radiance, "{text}: again");

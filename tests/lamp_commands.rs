@@ -1,9 +1,10 @@
 //! `render --lamp` as a person runs it.
 
-use std::path::{Path, PathBuf};
-use std::process::Output;
+mod common;
 
-use assert_cmd::Command;
+use std::path::{Path, PathBuf};
+
+use common::commands::{refused, succeeds};
 use relume::formats::image::read_rgba_exr;
 use relume::reference::path_tracer::PathTracer;
 use relume::reference::rooms::cornell_box;
@@ -11,25 +12,6 @@ use tempfile::TempDir;
 
 const SPOT: &str = "spot at=0,1.9,0.4 to=0.1,0,-0.2 power=40 angle=80";
 const CAMERA: [&str; 6] = ["--camera-from", "0,1,3.7", "--camera-at", "0,1,0", "--size", "96x72"];
-
-fn relume(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_relume")).args(arguments).output().expect("relume runs")
-}
-
-fn succeeds(arguments: &[&str]) -> String {
-    let output = relume(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
-}
-
-/// One line that holds `expected`, and exit code 2.
-fn refused(arguments: &[&str], expected: &str) {
-    let output = relume(arguments);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-    assert!(message.contains(expected), "{arguments:?}: {message}");
-    assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
-}
 
 /// A box as a scan without normals, a cube, and clouds that are hardly any.
 struct Place {

@@ -1,32 +1,15 @@
 //! `render --probes`, `project` and `transfer` as a person runs them.
 
+mod common;
+
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use assert_cmd::Command;
+use common::commands::{refused, succeeds};
 use glam::Vec3;
 use relume::formats::image::{ExrImage, ExrLayers, read_rgba_exr, write_exr};
 use tempfile::TempDir;
-
-fn relume(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_relume")).args(arguments).output().expect("relume runs")
-}
-
-fn succeeds(arguments: &[&str]) -> String {
-    let output = relume(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
-}
-
-/// One line that holds `expected`, and exit code 2.
-fn refused(arguments: &[&str], expected: &str) {
-    let output = relume(arguments);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-    assert!(message.contains(expected), "{arguments:?}: {message}");
-    assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
-}
 
 /// A place with two probes, and an object.
 struct Place {

@@ -1,6 +1,8 @@
 //! Scenes and helpers that several tests share; all data is generated here.
 #![allow(dead_code, unreachable_pub, reason = "every test binary uses a part")]
 
+pub mod commands;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 

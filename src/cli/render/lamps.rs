@@ -18,7 +18,6 @@ use crate::frames::Method;
 use crate::frames::lamps::{LampFrame, LampRenderer, LampSettings, LampSurface, ObjectLight};
 use crate::gpu::recorder::PassProfile;
 use crate::gpu::{Context, Profile};
-use crate::preprocess::hierarchy::Hierarchy;
 use crate::preprocess::point_chunks::PointChunks;
 use crate::scene::{Camera, Lamp, Object};
 use crate::{Error, Result};
@@ -57,13 +56,7 @@ pub(super) fn light_scan(
     renderer.set_object(Some((object, args.material)))?;
     renderer.choose_leaves(hierarchy)?;
     let (radiance, light) = renderer.relight(hierarchy, &lamps, share)?;
-    let old = std::mem::take(hierarchy);
-    *hierarchy = Hierarchy {
-        colors: radiance.colors,
-        radiance_vectors: radiance.radiance_vectors,
-        brightest_point: radiance.brightest_point,
-        ..old
-    };
+    *hierarchy = std::mem::take(hierarchy).with_radiance(radiance);
     profile.add(&light.profile);
     warn_if_dark(light.radiance.iter().any(|radiance| *radiance != Vec3::ZERO));
     let direct = renderer.light_object(camera, &lamps)?;

@@ -71,6 +71,12 @@ impl Hierarchy {
         Ok(radiance)
     }
 
+    /// The same hierarchy in that light.
+    pub fn with_radiance(self, radiance: NodeRadiance) -> Self {
+        let NodeRadiance { colors, radiance_vectors, brightest_point } = radiance;
+        Self { colors, radiance_vectors, brightest_point, ..self }
+    }
+
     /// A whole subtree, whose leaves are lit by `added`.
     fn refit_part(&self, share: f32, added: &[Vec3], mut part: Part<'_>) {
         let Part { first, .. } = part;
