@@ -8,8 +8,7 @@
 #include "common/rgb9e5.glsl"
 #include "common/lamp_setup.glsl"
 #include "common/surfel.glsl"
-#include "common/vpl.glsl"
-#include "common/vpl_visible.glsl"
+#include "common/vpl_light.glsl"
 #include "common/lamp_direct.glsl"
 
 const uint GROUP = 64u;
@@ -17,7 +16,6 @@ layout(local_size_x = GROUP) in;
 
 layout(binding = 2, rgba32f) uniform imageBuffer radiance;
 
-layout(constant_id = 0) const bool GLOSSY = false;
 // The lamps themselves.
 layout(constant_id = 1) const bool DIRECT = false;
 
@@ -29,20 +27,9 @@ vec3 direct(Surfel surfel) {
 
 vec3 bounced(Surfel surfel, uint part, uint parts) {
     uint count = lamp_pass.vpls / parts;
-    vec3 irradiance = vec3(0.0);
-    for (uint k = part * count; k < (part + 1u) * count; ++k) {
-        Vpl light = load_vpl(k);
-        vec3 to = surfel.position - light.position;
-        float distance2 = dot(to, to);
-        float cosines = dot(to, light.normal) * -dot(to, surfel.normal);
-        if (dot(to, light.normal) <= 0.0 || cosines <= 0.0) continue;
-        mat3 frame = frame_of(light.normal);
-        float distance_ = sqrt(distance2);
-        if (!vpl_sees(k, to * frame, distance_, surfel.normal * frame)) continue;
-        vec3 intensity = light.diffuse;
-        if (GLOSSY) intensity += glossy_intensity(k, light.normal, to / distance_);
-        irradiance += intensity * (cosines / (distance2 * (distance2 + near_bound(light))));
-    }
+    vec3 irradiance = vec3(0.0), direction;
+    for (uint k = part * count; k < (part + 1u) * count; ++k)
+        irradiance += vpl_irradiance(k, surfel.position, surfel.normal, direction);
     return irradiance * float(parts);
 }
 

@@ -4,16 +4,13 @@
 // read the same lights; the split G-buffer is a matter of addresses, and so is the merge.
 #extension GL_GOOGLE_include_directive : require
 #include "lamp_light/pixel.glsl"
-#include "common/vpl.glsl"
-#include "common/vpl_visible.glsl"
+#include "common/vpl_light.glsl"
 
 const uint GROUP = 64u;
 layout(local_size_x = GROUP) in;
 
 layout(binding = 2, rgba32f) uniform imageBuffer bounced; // irradiance
 layout(binding = 3, rgba32f) uniform imageBuffer glossy;  // radiance of the mirror lobes
-
-layout(constant_id = 0) const bool GLOSSY = false;
 
 void main() {
     uint interleave = lamp_pass.interleave, parts = interleave * interleave;
@@ -33,20 +30,11 @@ void main() {
     uint count = lamp_pass.vpls / parts;
     vec3 irradiance = vec3(0.0), lobes = vec3(0.0);
     for (uint k = part * count; k < (part + 1u) * count; ++k) {
-        Vpl light = load_vpl(k);
-        vec3 to = pixel.position - light.position;
-        float distance2 = dot(to, to);
-        float cosines = dot(to, light.normal) * -dot(to, pixel.normal);
-        if (dot(to, light.normal) <= 0.0 || cosines <= 0.0) continue;
-        mat3 frame = frame_of(light.normal);
-        float distance_ = sqrt(distance2);
-        if (!vpl_sees(k, to * frame, distance_, pixel.normal * frame)) continue;
-        float factor = cosines / (distance2 * (distance2 + near_bound(light)));
-        vec3 intensity = light.diffuse;
-        vec3 direction = to / distance_;
-        if (GLOSSY) intensity += glossy_intensity(k, light.normal, direction);
-        irradiance += intensity * factor;
-        if (GLOSSY) lobes += intensity * (factor * phong(surfaces, pixel.normal, -direction, pixel.to_eye));
+        vec3 direction;
+        vec3 light = vpl_irradiance(k, pixel.position, pixel.normal, direction);
+        if (light == vec3(0.0)) continue;
+        irradiance += light;
+        if (GLOSSY) lobes += light * phong(surfaces, pixel.normal, -direction, pixel.to_eye);
     }
     int slot = at.y * int(lamp_pass.width) + at.x;
     imageStore(bounced, slot, imageLoad(bounced, slot) + vec4(irradiance * float(parts), 0.0));
